@@ -8,7 +8,7 @@ from types import ModuleType
 
 
 class Beside:
-    """A finder and loader, which imports `impact_gym.agents` as `agents`, for instance."""
+    """A finder and loader of modules. For `impact_gym.agents`, for instance, it imports `agents`."""
 
     @staticmethod
     def find_spec(name: str, _path: object = None, _target: object = None) -> ModuleSpec | None:

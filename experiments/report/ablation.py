@@ -1,8 +1,8 @@
 """Ablation: contestants from the paper's rule to the policy, each with more abilities than the contestant before.
 
-The abilities are: the arm's limits (constant speed and deceleration, tuned for each weight), known distances, the shape
-of the speed profile, the distance estimate, and learning. A gain is the difference in V_p or cost from the contestant
-before; another order could give other gains.
+The contestants add in order: the arm's limits (a constant speed and accelerations, tuned for each weight), the range of
+distances, the shape of the speed profile, the distance estimate, and learning. A gain is the difference in V_p or cost
+from the contestant before; another order could give other gains.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,8 +21,8 @@ from experiments.report.played import MISSED_TOO_OFTEN, Played, Run
 from impact_gym.task import Task
 
 LIMITS = {(False, False): "", (False, True): "at least ", (True, False): "at most ", (True, True): "about "}
-"""Words before a gain. Key: whether the contestant before, and this contestant, approach faster than the paper's rule
-at every weight. Then the compared V_p is higher than V_p at the rule's time would be."""
+"""Words before a gain, by two facts: whether the contestant before is faster than the paper's rule at every weight, and
+whether this contestant is. The V_p of a faster contestant would be lower at the rule's approach time."""
 
 
 class Link(NamedTuple):
@@ -44,7 +44,7 @@ class Gain:
 
 @dataclass(frozen=True)
 class Step:
-    """A link with measures and gains."""
+    """A `Link` with its V_p and its cost, and the gains in both."""
 
     added: str
     contestant: str
@@ -76,7 +76,7 @@ def links(played: Played) -> list[Link]:
 
 
 def steps_of(played: Played) -> list[Step]:
-    """Return the steps; a clairvoyant search with the typical weight is the last, in the searched scenarios."""
+    """Return the steps. The clairvoyant search (on its own scenarios) is the last, if it has the typical weight."""
     sequence, weight = links(played), played.matchup.typical
     steps = _steps(sequence, played.resamples, weight, policy=len(sequence) - 1)
     if played.bound is None or weight not in played.bound.weights:
@@ -105,7 +105,7 @@ def _steps(sequence: Sequence[Link], resamples: Resamples, weight: float, policy
 
 
 def gains(values: Sequence[Floats], policy: int, claimed: bool = True) -> list[Gain]:
-    """Return the gains of successive resampled `values` (1 + n,), m/s, without `less` and `share` if not `claimed`."""
+    """Return a gain for each contestant; `values`: its V_p or cost in the sample and in n resamples, (1 + n,), m/s."""
     total = Comparison(values[policy], values[0])
     shared = claimed and total.less.low > 0.0
     steps = [Gain(estimate(values[0]), None, None)]
@@ -139,7 +139,7 @@ def _cells(gain: Gain, limit: str = "") -> list[str]:
 
 
 def sentence(steps: Sequence[Step]) -> str:
-    """Return a sentence with the steps' shares in the reduction of V_p (of V_p + w T, if a step is `later`), or ""."""
+    """Return each step's share of the gain in V_p (in cost, if a step is `later`) as a sentence; "": no such shares."""
     first, *gained = (step for step in steps if step.contestant != BOUND)
     if any(step.later > 0.0 for step in gained):
         before, after = first.loss.value.value, gained[-1].loss.value.value

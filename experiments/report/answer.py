@@ -1,7 +1,7 @@
 """The report's answer for a set-up, in numbers and sentences: by how much the policies lower V_p.
 
-The main measure was fixed before the test set was played: V_p at the paper's time, the mean approach time of the
-paper's rule. A front is the mean approach time and the mean V_p of a controller at each of its time weights.
+The main measure is V_p at the paper's time, which is the mean approach time of the paper's rule. This measure was fixed
+before the test set was played. A front is the mean approach time and the mean V_p at each time weight of a controller.
 """
 
 from collections.abc import Sequence
@@ -21,12 +21,12 @@ FRONT = ("approach_time", "object_velocity")
 class Answer:
     """Gain of the policies of one set-up over the paper's rule."""
 
-    reduction: Estimate  # fraction by which V_p of all seeds is below V_p of the rule, at the paper's time
+    reduction: Estimate  # fraction by which mean V_p of all seeds is below mean V_p of the rule, at the paper's time
     each: tuple[float, ...]  # `reduction` for each seed; empty if the front of a seed does not reach the paper's time
     reached: bool  # whether the policy's front reaches the paper's time; if not, `reduction` is at the nearest end
-    later: float  # fraction by which the front's time nearest to the paper's time is later than the paper's time
+    later: float  # time of the front nearest to the paper's time, divided by the paper's time, minus 1; 0 if `reached`
     needed: float  # m/s per s, time weight at which the extrapolated front would reach the paper's time; nan: none
-    sooner: Estimate  # fraction by which the policy's mean approach time is below the paper's, at the rule's mean V_p
+    sooner: Estimate  # fraction by which the policy's mean time is below the paper's time, at the rule's mean V_p
     beyond: str  # "slower": all V_p of the front are below V_p of the rule; "faster": all are above; "": neither
     velocity: Estimate  # m/s, V_p of the policy at the paper's time, or at the nearest end of the front, see `reached`
     rival: str  # name of the main baseline if it is tuned, else ""
@@ -85,7 +85,7 @@ def front(resamples: Resamples, runs: Sequence[Run]) -> Front:
 
 
 def reductions(played: Played) -> Floats:
-    """Return `Answer.each` as an array (seeds,)."""
+    """Return `Answer.each` as an array (seeds,); (0,) if the front of a seed does not reach the paper's time."""
     ((time, velocity),) = played.paper.front
     times, velocities = np.moveaxis(np.array([run.front for run in played.seeds.values()]), 2, 0)
     if times.min(axis=1).max() > time or times.max(axis=1).min() < time:
@@ -116,7 +116,7 @@ def sentence(answer: Answer, matchup: Matchup) -> str:
     if answer.beyond == "faster":
         text += "; at every weight the object leaves faster than with the paper's rule."
     else:
-        limit = "at least" if answer.sooner.value >= 0.0 else "at most"  # shown if the whole front is below
+        limit = "at least" if answer.sooner.value >= 0.0 else "at most"  # shown only if `beyond` is "slower"
         bound = f"{limit} " if answer.beyond == "slower" else ""
         text += f"; at the paper's V_p the approach takes {bound}{_compared(answer.sooner, 'less', 'more')} time."
     if answer.rival_reduction:

@@ -1,7 +1,7 @@
-"""The recommended controller: the simplest one whose mean cost is not clearly above the lowest, at one time weight.
+"""The recommended controller: the simplest whose mean cost at one time weight is not clearly above the lowest.
 
-Not clearly above: the 95 % interval of the difference has 0. The order: untuned baselines, tuned baselines by number of
-parameters, the user's objects, the policy.
+'Not clearly above' means that the 95 % interval of the difference includes 0. Controllers from simple to complex:
+untuned baselines, tuned baselines by number of parameters, the user's objects, the policy.
 """
 
 from collections.abc import Mapping

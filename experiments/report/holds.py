@@ -15,26 +15,26 @@ from experiments.report.played import MISSED_TOO_OFTEN, Played
 from impact_gym.quantities import QUANTITIES
 from impact_gym.task import evaluation_sets
 
-WORDS = {  # plain names of changed arguments; an argument that is not here has `words` in QUANTITIES
+WORDS = {  # plain names of changed arguments; other arguments: see `factor`
     "force_noise": "noise of the force sensor",
     "range_noise": "error of the distance estimate",
     "robot": "compliant robot",
     "scenario": "objects outside the training ranges",
 }
-SHOWN = {"s": ("ms", 1e3), "m": ("mm", 1e3), "%": ("%", 100.0)}  # unit and factor with which a quantity is printed
+SHOWN = {"s": ("ms", 1e3), "m": ("mm", 1e3), "%": ("%", 100.0)}  # printed unit and factor, by unit of a quantity
 Row = dict[str, Any]
 
 
 class Failing(NamedTuple):
-    """Changes under which a controller fails."""
+    """Changes under which a controller fails, see `where_it_fails`."""
 
     controller: str  # plain name with article
-    worst: str  # the worst change, in one line
-    details: str  # all changes under which the controller fails
+    worst: str  # the worst change in one line, or the statement that there is none
+    details: str  # for each argument the mildest failing change; the change with the most misses, if too many
 
 
 def cells(matchup: Matchup, scenarios: Mapping[str, Any]) -> Iterator[Cell]:
-    """Yield a cell for each change with each of paper's rule, rival and policy, at the typical time weight."""
+    """Yield a cell for each change and each of `Matchup.rivals`, at the typical time weight."""
     for change in variants(matchup.evaluation, matchup.environment):
         played = scenarios
         if change.scenarios:
@@ -60,7 +60,7 @@ def factor(argument: str, by_reading: bool = False) -> str:
 
 
 def setting(change: Change) -> str:
-    """Return the changed value with its unit, or the label of the change."""
+    """Return the changed value with its unit; if the value is not a number, the change's label."""
     if not np.isfinite(change.value):
         return change.label
     unit = "%" if change.multiple else QUANTITIES[change.argument].unit
@@ -71,9 +71,9 @@ def setting(change: Change) -> str:
 def outcomes(played: Played, controller: str = POLICY) -> pl.DataFrame:
     """Return a row for each contestant under each change; the median seed is called POLICY.
 
-    Columns: means of V_p (m/s), T (s) and the cost `loss` (m/s); the number of objects `missed`, and the number `of`
-    objects played; `more` (m/s), cost of `controller` minus cost of this contestant, 0 if not above two standard
-    errors; `off`, the absolute difference from the unchanged value.
+    Columns: the means `V` (m/s), `T` (s) and `loss` (cost, m/s); `missed`, the number of missed objects among `of`
+    objects; `more` (m/s), by how much `controller` costs more than this contestant, 0 if at most two standard errors;
+    `off`, the absolute difference of the changed value from the unchanged value, 0 if a value is not a number.
     """
     if not played.varied:
         numbers = dict.fromkeys(("value", "off", "missed", "of", "more"), float)
@@ -92,7 +92,7 @@ def outcomes(played: Played, controller: str = POLICY) -> pl.DataFrame:
 
 
 def where_it_fails(played: Played, name: str) -> Failing:
-    """Return the changes under which a contestant costs more than rule, rival or policy, or misses over 1 % of objects.
+    """Return where a contestant fails: it costs more than another contestant, or misses over 1 % of objects.
 
     Only rule, rival and policy play under changes; for any other `name`, the result is about the policy.
     """
@@ -128,7 +128,7 @@ def where_it_fails(played: Played, name: str) -> Failing:
 
 
 def heat_map(played: Played) -> HeatMap:
-    """Return the heat map of the highest cost of each contestant over all values of each changed argument."""
+    """Return the heat map: for each argument and contestant, the highest cost over the argument's values."""
     weight, frame, rival = played.matchup.typical, outcomes(played), played.matchup.rival
     contestants = {PAPER: PAPER, rival.name: rival.label, POLICY: POLICY}
     usual = {row["contestant"]: row for row in frame.filter("same").unique("contestant", keep="first").to_dicts()}

@@ -1,4 +1,4 @@
-"""The jobs of a report: each measures a controller in the scenarios of a matchup. Their arguments are JSON."""
+"""The jobs of a report. Each job plays a controller in the scenarios of a `Matchup`; its arguments are JSON."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -21,17 +21,17 @@ from impact_gym.task import Task
 
 JSON = Mapping[str, Any]
 PLAYING = (*grid.PLAYED, __name__, grid.__name__)  # modules on which results depend
-FEWER = 500  # number of scenarios for each change of the environment, and for deflections
-HALVINGS = 9  # number of bisections of the range of weights, on a logarithmic scale: enough for an error of 1 %
-CALIBRATION_SCENARIOS = 500  # most scenarios in which `play_as_late` finds a weight; a table of scenarios is used whole
+FEWER = 500  # largest number of scenarios for each change of the environment, and for deflections
+HALVINGS = 9  # number of bisections of the logarithmic range of weights; enough for an error of 1 % in the weight
+CALIBRATION_SCENARIOS = 500  # largest number of scenarios on which `play_as_late` finds a weight; a table is used whole
 
 
 def play_matchups(
     matchups: Sequence[Matchup], folder: Path, depends: str, processes: int | None, cluster: str | None
 ) -> list[Played]:
-    """Return the results of each matchup; `folder` keeps results of jobs, as long as the text `depends` is the same."""
+    """Return the results of each matchup; a result in `folder` is reused if the text `depends` is the same."""
     played = [Played(matchup) for matchup in matchups]
-    # the jobs of the last of the default set-ups take longest, so they start first
+    # the last default set-up has the longest jobs, so its jobs start first
     jobs = [(each, *job) for each in reversed(played) for job in jobs_of(each.matchup)]
     calls = [{"where": where, "arguments": arguments} for _, where, _, arguments in jobs]
     print(f"results are kept in {folder}", flush=True)
@@ -50,7 +50,7 @@ def play_matchups(
 
 
 def jobs_of(matchup: Matchup) -> Iterator[tuple[str, Any, dict[str, Any]]]:
-    """Yield for each job the field of `Played` and the key in this field for the result, and the job's arguments."""
+    """Yield (field, key, arguments) of each job; its result goes into this field of `Played`, under this key."""
     scenarios, environment, typical = matchup.scenarios, matchup.environment, matchup.typical
     some = {**scenarios, "count": min(FEWER, scenarios["count"])}
     jobs: list[tuple[str, Any, JSON]] = [
@@ -85,7 +85,7 @@ def measured(where: str, arguments: JSON) -> Any:
 
 
 def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: Sequence[float]) -> Arrays:
-    """Return a `weight` with about the rule's mean approach time, or the nearest end, and results (1, scenarios)."""
+    """Return results (1, scenarios) and the `weight`, whose mean approach time is nearest to that of the rule."""
     choosing, task = calibration_scenarios(scenarios), Task(**environment)
 
     def mean_time(weight: float, player: Controller) -> float:

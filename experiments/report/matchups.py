@@ -57,7 +57,7 @@ class Contestant:
 
     @property
     def label(self) -> str:
-        """Plain name, then `name` in brackets."""
+        """Plain name with `name` in brackets; `name` alone if there is no plain name."""
         return self.name if self.plain == self.name else f"{self.plain} ({self.name})"
 
 
@@ -69,7 +69,7 @@ class Matchup:
     environment: Mapping[str, Any]  # arguments of the environment, JSON, without scenario and time weight
     seeds: tuple[Contestant, ...]  # one for each training seed
     chosen: str  # name of the median seed: its policy has the median validation score
-    baselines: tuple[Contestant, ...]  # first the paper's rule, then the rival if there is one
+    baselines: tuple[Contestant, ...]  # first the paper's rule, then the main baseline (`rival`) if there is one
     scenarios: Mapping[str, Any]  # JSON, see `agents.evaluate.play`
     provenance: Mapping[str, Any]  # provenance of the median seed's policy
     note: str  # remarks for the reader
@@ -109,7 +109,7 @@ class Matchup:
 
     @property
     def weights(self) -> tuple[float, ...]:
-        """Weights (m/s per s) that evaluation and policy have, or all weights of the policy."""
+        """Weights of the evaluation at which the policy plays (m/s per s), or else all weights of the policy."""
         weights = tuple(weight for weight in self.evaluation.weights if weight in self.policy.weights)
         return weights or self.policy.weights
 
@@ -119,14 +119,14 @@ def of_setup(
 ) -> Matchup:
     """Return the matchup of a set-up, with policies and tuned baselines from `folder` (None: the set-up's folder).
 
-    `time_weight` (m/s per s) replaces the typical weight. ValueError: no policy or baseline, or none for the weight.
+    `time_weight` (m/s per s) replaces the typical weight. ValueError: a policy or baseline is missing or does not fit.
     """
     folder = setup.folder if folder is None else folder
-    if time_weight is not None:  # the paper's rule plays at the typical weight
+    if time_weight is not None:  # `baselines` lets the paper's rule play at the typical weight
         setup = replace(setup, evaluation=replace(setup.evaluation, typical=time_weight))
     path = folder / "policies" / f"{setup.name}.npz"
     if not path.is_file():
-        raise ValueError(f"there are no policies {path}: impact-gym train {setup.called} --seeds {setup.seeds}")
+        raise ValueError(f"there are no policies {path}: run impact-gym train {setup.called} --seeds {setup.seeds}")
     ensemble = load_ensemble(path)
     if not setup.describes(ensemble[None].task):
         raise ValueError(f"{path} was trained for another environment than {setup.called} describes: train it again")
@@ -144,7 +144,7 @@ def of_setup(
 
 
 def _with_policies(matchup: Matchup, policies: Mapping[str, Policy], time_weight: float | None) -> Matchup:
-    """Return the matchup with `policies` at the evaluation's weights that training had, or at training's lowest."""
+    """Return the matchup with `policies` at the evaluation's weights in the trained range, or at its low end."""
     policy, evaluation = policies[matchup.chosen], matchup.evaluation
     trained = policy.environment.get("time_weight", evaluation.typical)
     low, high = trained if isinstance(trained, (list, tuple)) else (trained, trained)
@@ -162,7 +162,7 @@ def _with_policies(matchup: Matchup, policies: Mapping[str, Policy], time_weight
 
 
 def clairvoyant(setup: Setup, scenarios: Mapping[str, Any], folder: Path = TUNED) -> Contestant | None:
-    """Return the clairvoyant search of a set-up; None: there is none, or it searched other or more scenarios."""
+    """Return the clairvoyant search of a set-up; None: there is none for these scenarios."""
     its_own = setup.bound == setup.name
     parameters_at = bound_of(setup, folder) if its_own else bound_of(load_setup(setup.bound))
     searched = min(map(len, parameters_at.values()), default=0)
@@ -195,7 +195,7 @@ def of_policies(
     """Return a matchup for each policy in `paths` (names or paths), with the paper's rule and the baselines `names`.
 
     If `names` is empty, a policy of a shipped set-up is compared with the baselines of the set-up. `changes` replace
-    arguments of the environment. ValueError: a policy does not fit the environment, or two policies have one name.
+    arguments of the environment. ValueError: a policy does not fit the environment, or two policies have the same name.
     """
     matchups: dict[str, Matchup] = {}
     for path in map(Path, paths):
@@ -223,10 +223,10 @@ def of_policies(
 def baselines(
     names: Sequence[str], environment: Mapping[str, Any], setup: Setup | None = None, folder: Path = TUNED
 ) -> tuple[Contestant, ...]:
-    """Return the paper's rule and the baselines `names`: tuned or fixed ones, or objects as module:object.
+    """Return the paper's rule and the baselines `names`: tuned or fixed baselines, or controllers as module:object.
 
-    `folder` has the tuned baselines of `setup`; all others are shipped. ValueError: a name is unknown, repeated or that
-    of the paper's rule, or a baseline does not fit this environment.
+    `folder` has the tuned baselines of `setup`; other tuned baselines are shipped. ValueError: a name is unknown,
+    repeated or that of the paper's rule, or a baseline does not fit this environment.
     """
     typical = (setup.evaluation if setup else Evaluation()).typical
     contestants = [Contestant(PAPER, {"baseline": RULE}, (typical,), "")]

@@ -15,7 +15,7 @@ from experiments.report.matchups import PAPER, POLICY, Matchup
 from experiments.report.played import Played
 from impact_gym.task import Task
 
-CHOSEN_ON = {  # scenarios on which the weight at the paper's approach time is chosen, by a key of `Matchup.scenarios`
+CHOSEN_ON = {  # words for `jobs.calibration_scenarios`, by a key of `Matchup.scenarios`
     "table": "these scenarios themselves", "set": "the first scenarios of the validation set",
     "ranges": "other scenarios from the same ranges",
 }  # fmt: skip
@@ -93,7 +93,7 @@ def policies_table(all_played: Sequence[Played]) -> Table:
 
 
 def watch(played: Played) -> dict[str, Any]:
-    """Return films of notable scenarios: the paper's rule, and the policy that is about as late as the rule."""
+    """Return films of notable scenarios: the paper's rule, and the policy at about the rule's mean approach time."""
     matchup, as_late = played.matchup, played.as_late[played.matchup.chosen]
     (weight,) = as_late.weights
     runs = {PAPER: played.paper.at(weight), POLICY: as_late.at(weight)}

@@ -34,7 +34,7 @@ def answered(answer: Answer, played: Played) -> Table:
 
 
 def at_one_time(played: Played) -> Table:
-    """Return the table of means and 95th percentiles at the weights with mean times nearest to the rule's."""
+    """Return means and 95th percentiles of each contestant, at the weight whose mean time is nearest to the rule's."""
     goal, labels = played.paper.front[0][0], played.matchup.labels
     contestants = {labels[name]: run for name, run in played.baselines.items()} | {
         POLICY: played.as_late[played.matchup.chosen]

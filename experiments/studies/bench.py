@@ -27,13 +27,13 @@ ID, SCALE, BATCH_SCALE, BATCH = "ImpactApproach-v0", "Pendulum-v1", "CartPole-v1
 SIZES = (64, 256, 1024, 4096, 16384)  # numbers of environments in a batch
 SETUPS = ("linear-blind", "bistable-blind")
 STEPS = 1_000_000  # number of environment steps of a training
-RTOL = 1e-6  # `rtol` where the paper's rule plays: the largest power of ten with an error of V_p below 1e-6 m/s
+RTOL = 1e-6  # `rtol` for the paper's rule: the largest power of ten with an error of V_p below 1e-6 m/s
 MIX = 80  # number of steps before a measurement, so that episodes of 20 to 75 steps do not begin together
 Step = Callable[[], Any]
 
 
 def rate(call: Step, steps: int, seconds: float, clock: Callable[[], float] = time.perf_counter) -> float:
-    """Call `call`, which makes `steps` steps, for `seconds`; return the steps per second."""
+    """Repeat `call`, which makes `steps` steps, for `seconds` (at least once); return the steps per second."""
     calls, spent, begun = 0, 0.0, clock()
     while spent < seconds or calls == 0:
         call()
@@ -43,7 +43,7 @@ def rate(call: Step, steps: int, seconds: float, clock: Callable[[], float] = ti
 
 
 def stepping(env: Any, act: Callable[[Any], Any] | None = None) -> Step:
-    """Return a function that steps `env`. Actions are random, or `act` of what `env` returned last."""
+    """Return a function that steps `env` with random actions, or with `act` of the last result of `env`."""
     actions = cycle([env.action_space.sample() for _ in range(32)])  # drawn before the timing
     last = env.reset()
 
@@ -74,7 +74,7 @@ def stepped(quick: bool) -> pl.DataFrame:
 
 
 def three_rates(name: str, quick: bool) -> list[Row]:
-    """Return a set-up's rates of the environment, of the environment with inference, and of the training."""
+    """Return three step rates of a set-up: of the environment, of the environment with inference, of the training."""
     setup, policy, seconds = load_setup(name), load_policy(name), 0.1 if quick else 3.0
     count = setup.training.envs
     envs: list[Any] = [setup.make_vec(count) for _ in range(2)]

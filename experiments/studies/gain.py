@@ -1,8 +1,8 @@
-"""Causes of the reduction of V_p below that of the paper's rule.
+"""Two causes of a lower V_p than with the paper's rule: the arm's limits, and knowledge of where objects stand.
 
 For each distribution (prior) of the object's distance, the paper's rule is compared with the best constant speed and
 the best profile of speed over position. Constant speed and profile have the same limits of the arm and the same choice
-of reactions to the alarm. So the difference in V_p is the value of known distances.
+of reactions to the alarm. So their difference in V_p comes from knowledge of the prior.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -43,7 +43,7 @@ class Prior(NamedTuple):
 
     @property
     def mean(self) -> float:
-        """Mean distance, m; of a memoryless distribution, from `near`."""
+        """Mean distance, m; of a memoryless distribution, the mean beyond `near`."""
         return (self.far - self.near) / np.log(20.0) if self.memoryless else 0.5 * (self.near + self.far)
 
     @property
@@ -72,7 +72,7 @@ QUICK_SEARCH = {"scenarios": 40, "generations": 12, "tested": 100}
 
 
 def searches(quick: bool, _: Frames) -> Iterable[Cell]:
-    """Yield a cell for each prior, rule and time weight."""
+    """Yield a cell for each prior, rule and time weight (one weight for the paper's rule)."""
     weights, search = (QUICK_WEIGHTS, QUICK_SEARCH) if quick else (WEIGHTS, SEARCH)
     for prior in [PRIORS[k] for k in (0, 3, -1)] if quick else PRIORS:
         for rule in RULES:
@@ -84,7 +84,7 @@ def searches(quick: bool, _: Frames) -> Iterable[Cell]:
 def searched(
     prior: Sequence[Any], rule: str, weight: float, scenarios: int, generations: int, tested: int, population: int = 16
 ) -> pl.DataFrame:
-    """Optimise the parameters of a rule on tuning scenarios; return the rule's results in test scenarios."""
+    """Optimise the parameters of any rule but the paper's on tuning scenarios; return results in test scenarios."""
     place, kind = Prior(*prior), RULES[rule]
     horizon = 1.2 if place.far < 0.5 else 6.0  # s
 
@@ -125,7 +125,7 @@ def by_prior(frame: pl.DataFrame) -> list[dict[str, Any]]:
 
 
 def priors_section(lines: Sequence[Mapping[str, Any]]) -> Section:
-    """Return the section on the value of known distances."""
+    """Return the section on the gain from knowledge of the prior."""
     rows = [
         (
             line["prior"].words + (f" ({100 * line['missed']:.0f} % missed)" if line["missed"] > 0.01 else ""),

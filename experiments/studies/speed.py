@@ -51,7 +51,7 @@ def cheapest(rows: pl.DataFrame, names: Sequence[str], error: float) -> Row | No
 
 
 def ratios(times: pl.DataFrame, errors: Sequence[float] = COMPARED) -> pl.DataFrame:
-    """Return for each rival and error the times of rival and our solver (µs for an approach), and the ratio."""
+    """Return for each approach, rival and error the times of rival and our solver (µs), and the ratio."""
     rows = []
     for (scene, rival), cell in times.group_by("scene", "rival", maintain_order=True):
         failed = cell.filter(pl.col("contender") != OURS)["failure"].unique().to_list()
@@ -131,7 +131,7 @@ def drawn(times: pl.DataFrame, truths: pl.DataFrame) -> Picture:
     shown = times.filter(pl.col("microseconds").is_finite()).sort("setting", descending=True).with_columns(error)
     for axes, truth in zip(panels.flat, truths.iter_rows(named=True), strict=False):
         for (name,), curve in shown.filter(scene=truth["scene"]).group_by("contender", maintain_order=True):
-            curve = curve.filter(rival=curve["rival"][0])  # impact_gym is timed with each rival; the first counts
+            curve = curve.filter(rival=curve["rival"][0])  # impact_gym is in each rival's cell; the first is drawn
             style, wrong = STYLES[str(name).partition(" ")[0]], curve.filter(pl.col("failure") != "")
             axes.plot(curve["microseconds"], curve["velocity_error"], **style)
             axes.plot(wrong["microseconds"], wrong["velocity_error"], **style | {"linestyle": ""}, mfc="white")

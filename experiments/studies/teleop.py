@@ -68,7 +68,7 @@ LABELS = ("coupling", "delay", "operator")
 
 
 def table_of_cells(frames: Frames) -> list[dict[str, Any]]:
-    """Return a row for each cell and assistance: means, and how far slide and cost are below those of the brake."""
+    """Return a row by LABELS and assistance: means, and by how much slide and cost are lower than with the brake."""
     found = list[dict[str, Any]]()
     for labels, rows in grid.groups(frames["episodes"], *LABELS):
         resamples = Resamples(rows["episode"].n_unique())
@@ -89,7 +89,7 @@ def table_of_cells(frames: Frames) -> list[dict[str, Any]]:
 
 
 def words_of(row: Row) -> str:
-    """Return the name of a cell: coupling, operator and delay."""
+    """Return coupling, operator and delay of a row as text."""
     return f"{row['coupling']}, {row['operator']}, {1e3 * row['delay']:.0f} ms"
 
 
@@ -140,7 +140,7 @@ def form(name: str, digits: int) -> str:
 
 
 def in_cm(row: Row) -> dict[str, Any]:
-    """Return a row with slides in cm, and with the name of the cell."""
+    """Return a row with slides in cm, and with a column `cell` that names coupling, operator and delay."""
     return {name: 100.0 * value if "slide" in name else value for name, value in row.items()} | {"cell": words_of(row)}
 
 

@@ -1,7 +1,7 @@
 """The study `paper`: the paper's figures, computed with our model, and verdicts on the paper's statements.
 
-Sections 2 to 5 of the paper have modules with two functions for each figure: `figure_05` returns the table of Fig. 5,
-and `_numbers_figure_05` the numbers that statements.toml names.
+There is a module for each of the sections 2 to 5 of the paper. Each module has two functions for each figure:
+`figure_05` returns the table of Fig. 5; `_numbers_figure_05` returns the numbers that statements.toml names.
 """
 
 from collections import Counter
@@ -20,7 +20,7 @@ from experiments.studies.paper.statements import AGREEING, DATA, Basis, Verdict,
 from impact_gym.render.palette import LIGHT
 
 ABOUT = DATA["figures"]
-SCALE = 0.8  # factor on the size of all figures; the text is then legible in two figures side by side
+SCALE = 0.8  # factor on the size of all figures, so that the text is legible in two figures side by side
 WIDE = 11.0  # inches, before the factor SCALE; a wider figure is alone in its row of the page
 MADE: dict[str, Any] = {
     name: made for module in (section_2, section_3, section_4, section_5, beyond) for name, made in vars(module).items()

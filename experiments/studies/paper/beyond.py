@@ -32,7 +32,7 @@ CRUISE = scenes.DISTANCE / MOTION.speed - MOTION.speed / (2.0 * MOTION.accelerat
 
 
 def beyond_delay() -> pl.DataFrame:
-    """Simulate each coupling and object, over contact stiffness and over restitution, with DELAYS and without brake."""
+    """Simulate each coupling and object with each delay of the brake and without brake; vary k_c, then restitution."""
     rows: list[Row] = []
     braking = replace(MOTION, brake=replace(BRAKE, delay=0.0))
     lines = {
@@ -76,7 +76,7 @@ def _numbers_beyond_delay(frame: pl.DataFrame) -> Numbers:
 
 
 def _notice_delays(approach: ig.Scene) -> tuple[float, float]:
-    """Return the times (s after the touch) at which contact force and change of coupling force exceed THRESHOLD."""
+    """Return when contact force and change of coupling force first exceed THRESHOLD, in seconds after the touch."""
     outcome, trace = scenes.simulate_with_trace(approach, STEADY)
     time = trace.time - outcome.contacts[0].start
     change = np.abs(trace.coupling_force - np.interp(0.0, time, trace.coupling_force))
@@ -88,7 +88,7 @@ def _notice_delays(approach: ig.Scene) -> tuple[float, float]:
 
 
 def beyond_detection() -> list[Row]:
-    """Simulate braking at FROM_TOUCH (but not before the tool notices), and 16 ms after tool or robot notices."""
+    """Brake at each of FROM_TOUCH (not before detection by the tool), and 16 ms after detection by tool or robot."""
     rows: list[Row] = []
     for name, coupling in COUPLINGS.items():
         approach = scene(1e3, 0.1, coupling)
@@ -116,7 +116,7 @@ def _numbers_beyond_detection(frame: pl.DataFrame) -> Numbers:
 
 
 def beyond_objects() -> pl.DataFrame:
-    """Simulate the fixed tool, the mechanism, and each mechanism with CHANGES that holds the tool."""
+    """Simulate the fixed tool, the mechanism, and the mechanisms changed by CHANGES that still hold the tool."""
     height, stop = MECHANISM.height, MECHANISM.front_stop
     candidates = [replace(MECHANISM, height=h * height, front_stop=s * stop) for h, s in product(CHANGES, CHANGES)]
     holding = [coupling for coupling in candidates if coupling.holding_force >= scenes.HOLD]
@@ -159,7 +159,7 @@ def _row(coupling: str, speed: float) -> Row:
 
 
 def beyond_speed() -> list[Row]:
-    """Simulate all couplings over the speed, with rows close to each change of contacts, passes or alarm."""
+    """Simulate each coupling at SPEEDS, and close to speeds at which contacts, passes or alarms change in number."""
     counts = ("contacts", "passes", "alarm")
     return [row for name in COUPLINGS for row in enclose_changes(SPEEDS, partial(_row, name), "speed", *counts)]
 

@@ -39,13 +39,13 @@ def enclose_changes(values: Iterable[float], row: Callable[[float], Row], parame
 
 
 def changes(rows: dict[str, NDArray[Any]], parameter: str, count: str) -> list[tuple[float, int, int]]:
-    """Return for each change of the column `count` the parameter and the count before, and the count after."""
+    """Return (parameter before, count before, count after) for each change of the column `count`."""
     places, counts = np.flatnonzero(np.diff(rows[count])), rows[count].astype(int).tolist()
     return [(float(rows[parameter][i]), counts[i], counts[i + 1]) for i in places]
 
 
 def histories(cases: Mapping[str, ig.Scene], motion: ig.Trapezoid = MOTION, duration: float = DURATION) -> pl.DataFrame:
-    """Simulate scenes for `duration` (s); return their traces with `case`, and `contact` and `impulse` as in `Run`."""
+    """Simulate scenes for `duration` (s); return a table of traces with `case`, `contact` and `impulse`, see `Run`."""
     parts = []
     for case, scene in cases.items():
         outcome, trace = simulate_with_trace(scene, motion, duration)
@@ -59,7 +59,7 @@ def histories(cases: Mapping[str, ig.Scene], motion: ig.Trapezoid = MOTION, dura
 
 
 class Run:
-    """One case in a table of `histories`: the trace of the case, and numbers from this trace."""
+    """One case in a table of `histories`: the trace of the case, and numbers that describe the case."""
 
     def __init__(self, frame: pl.DataFrame, case: str) -> None:
         rows = where(frame, case=case)
@@ -79,14 +79,14 @@ class Run:
         self.restitution = -rate[-1] / rate[0]  # of the first contact
         behind = first.command_position - first.tool_position
         self.deflection = 1e3 * (behind.max() - behind[0])  # mm, deflection of the robot caused by the contact
-        self.way = 1e3 * np.ptp(first.command_position)  # mm, length of the imposed motion during the contact
+        self.way = 1e3 * np.ptp(first.command_position)  # mm, length of the commanded motion during the first contact
 
     def part(self, rows: NDArray[np.bool_]) -> ig.Trace:
         """Return the points of the trace at which `rows` is true."""
         return ig.Trace(*(column[rows] for column in self.trace))
 
     def running_impulse(self) -> tuple[Array, Array]:
-        """Return times (s) since the first touch, and the coupling's impulse in contacts until then (N s; eq. 21)."""
+        """Return times (s) from the first touch; the coupling's impulse in contacts up to each time (N s; eq. 21)."""
         time, force, contact = self.trace.time, self.trace.coupling_force, self.contact
         within = (contact[1:] > 0) & (contact[1:] == contact[:-1])
         pieces = np.where(within, 0.5 * (force[1:] + force[:-1]) * np.diff(time), 0.0)

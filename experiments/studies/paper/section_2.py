@@ -2,8 +2,8 @@
 
 The instantaneous impact of a tool at 1 m/s on an object at rest is computed in closed form (paper, eq. 1-4). The
 non-instantaneous impact is simulated as an approach without a brake, at 1 m/s in the paper's figures. Case (a): the
-tool is fixed to the robot. Case (b): the tool is free. Two free masses have the same penetration and force as a tool
-with imposed motion and an object of their reduced mass. So (b) is simulated with this object.
+tool is fixed to the robot. Case (b): the tool is free. Penetration and force of case (b) are those of a fixed tool and
+an object with the reduced mass of tool and object. So case (b) is simulated in this way.
 """
 
 from collections.abc import Iterable
@@ -24,7 +24,7 @@ MASSES = np.logspace(-2.0, 1.0, 121)  # kg, of the tool in Fig. 3
 STIFFNESS, RESTITUTION = 1e5, 0.5  # contact of Fig. 5
 STIFFNESSES = np.logspace(3.0, 6.0, 25).tolist()  # N/m^1.5
 RESTITUTIONS = (0.1, 0.3, 0.5, 0.7, 0.9, 1.0)  # nominal restitutions: arguments of eq. 7
-CUT = 1e5  # N/m^1.5, stiffness at which CUT_RESTITUTIONS or VANISHING are simulated, too
+CUT = 1e5  # N/m^1.5, contact stiffness for CUT_RESTITUTIONS and VANISHING
 CUT_RESTITUTIONS = np.round(np.arange(0.05, 1.0001, 0.025), 3)
 VANISHING = (0.05, 0.02, 0.01, 0.005)  # restitutions close to 0
 CONTACTS = {
@@ -96,7 +96,7 @@ def _sweep(pairs: Iterable[tuple[float, float]]) -> list[Row]:
         for free, mass in enumerate((OBJECT_MASS, REDUCED_MASS)):
             outcome, trace = simulate_with_trace(scene(stiffness, restitution, object_mass=mass), STEADY, 2.0)
             (contact,) = outcome.contacts
-            assert contact.end is not None  # the contact ends before the run
+            assert contact.end is not None  # the contact ends during the run
             penetration = np.max(trace.tool_position - trace.object_position)
             rows.append({
                 "free": free, "contact_stiffness": stiffness, "restitution": restitution,
@@ -115,7 +115,7 @@ def _grids(frame: pl.DataFrame, column: str) -> Array:
 
 
 def figure_06() -> list[Row]:
-    """Simulate the grid of panels (a) and (b), and CUT_RESTITUTIONS at k_c = CUT."""
+    """Simulate all pairs of RESTITUTIONS and STIFFNESSES, and CUT_RESTITUTIONS at k_c = CUT."""
     grid = {(k, e) for e in RESTITUTIONS for k in STIFFNESSES}
     return _sweep(sorted(grid | {(CUT, float(e)) for e in CUT_RESTITUTIONS}))
 
@@ -134,7 +134,7 @@ def _numbers_figure_06(frame: pl.DataFrame) -> Numbers:
 
 
 def figure_07() -> list[Row]:
-    """Simulate the grid of Fig. 6, and VANISHING at k_c = CUT."""
+    """Simulate all pairs of RESTITUTIONS and STIFFNESSES, and VANISHING at k_c = CUT."""
     return _sweep([(k, e) for e in RESTITUTIONS for k in STIFFNESSES] + [(CUT, e) for e in VANISHING])
 
 
@@ -170,7 +170,7 @@ def _contact(case: str, speed: float) -> pl.DataFrame:
 
 
 def beyond_contact() -> pl.DataFrame:
-    """Simulate CONTACTS at SPEEDS, and evaluate the restitution of a contact by LAWS for NOMINAL restitutions."""
+    """Simulate CONTACTS at SPEEDS, and evaluate the restitution that each of LAWS gives for each of NOMINAL."""
     contacts = [_contact(case, speed) for case in CONTACTS for speed in SPEEDS]
     delivered = {law: np.asarray(ig.effective_restitution(law, NOMINAL)) for law in LAWS}
     laws = [pl.DataFrame({"nominal": NOMINAL, "delivered": e, "case": law}) for law, e in delivered.items()]

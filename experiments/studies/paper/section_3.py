@@ -9,7 +9,7 @@ from impact_gym.physics.impact import GRAVITY, sliding_distance
 from impact_gym.robot import IMPACT, default_approach
 
 FRICTION = 0.3  # coefficient of friction between object and plane; the paper gives no number
-# columns that Fig. 12 draws as solid lines, each with the column drawn as a dashed line beside it (None: no such line)
+# keys: columns that Fig. 12 draws as solid lines; values: columns of the dashed lines beside them, or None
 COMPONENTS = {"held": "effective", "damping": None, "stiffness": "effective_stiffness"}
 
 
@@ -59,7 +59,7 @@ def figure_13() -> pl.DataFrame:
 
 
 def _nearest_minimum(frame: pl.DataFrame, case: str) -> Numbers:
-    """Return the tool's velocity minimum nearest in time to the impact, in the approach without a touch."""
+    """Return the minimum of the tool's velocity, without a touch, that is nearest in time to the impact."""
     impact_time = Run(frame, case).during_contact.time[0]
     unhindered = where(frame, case=f"{case}, unhindered")
     time, velocity = unhindered["time"], unhindered["tool_velocity"]
@@ -96,7 +96,7 @@ def figure_14() -> pl.DataFrame:
 
 
 def _ranges(run: Run) -> tuple[float, float]:
-    """Return the ranges of x_t' - x_r' (m/s) in the 50 ms before and the 50 ms after the first contact."""
+    """Return the ranges of tool minus commanded velocity (m/s) in the 50 ms before and after the first contact."""
     relative, time = run.trace.tool_velocity - run.trace.command_velocity, run.trace.time
     start, end = run.first_contact.time[[0, -1]]
     before, after = (time > start - 0.05) & (time < start), (time > end) & (time < end + 0.05)

@@ -19,7 +19,7 @@ def figure_22() -> list[Row]:
     rows: list[Row] = []
     for height in HEIGHTS:
         mechanism = ig.Bistable(MECHANISM.stiffness, MECHANISM.free_length, height)
-        peak = math.sqrt((mechanism.free_length * height**2) ** (2 / 3) - height**2)  # m, of the largest force
+        peak = math.sqrt((mechanism.free_length * height**2) ** (2 / 3) - height**2)  # m, position of the largest force
         for x in sorted({*POSITIONS.tolist(), peak, -peak, MECHANISM.front_stop}):
             rows.append({"height": height, "position": x, "force": float(mechanism.force(x))})
     return rows
@@ -43,8 +43,8 @@ def figure_23() -> pl.DataFrame:
 
 
 def _slider(trace: ig.Trace) -> tuple[Array, float]:
-    """Return the slider's positions, measured from the alignment (m), and the time of its first passage (s)."""
-    # the trace begins with the slider at rest, slightly in its elastic front stop
+    """Return the slider's positions from the alignment (m), and the time of its first passage (s; inf: no passage)."""
+    # the trace begins with the slider at rest, pressed slightly into its elastic front stop
     start = MECHANISM.front_stop + float(MECHANISM.force(MECHANISM.front_stop)) / MECHANISM.stop_stiffness
     x = start + trace.tool_position - trace.flange_position
     passed = np.flatnonzero((x[:-1] > 0.0) & (x[1:] <= 0.0))

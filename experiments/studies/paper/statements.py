@@ -37,11 +37,11 @@ AGREEING = (Verdict.DIGITS, Verdict.AGREES)
 
 
 class Basis(StrEnum):
-    """Basis of a verdict. Only a TEST can disagree."""
+    """Basis of a verdict. Only a TEST compares the paper with an independent result."""
 
     TEST = "test"
     IDENTIFIED = "used to identify"  # we chose a value that the paper does not print, so that the statement is true
-    GIVEN = "identity, scale law or input"  # from equations and the paper's masses; or an input of the model
+    GIVEN = "identity, scale law or input"  # follows from equations and the paper's masses, or is an input of the model
     REPEATED = "repeats another statement"  # the statement follows from another one
 
 
@@ -55,12 +55,12 @@ class Said:
     printed: str | None = None  # a number with its unit, "0.98 m/s"; None for a trend
     value: str = ""  # name of our number, which is compared with `printed`
     holds: tuple[str, ...] = ()  # conditions of a trend
-    agree: tuple[str, ...] = ()  # instead of conditions: statements, as FIGURE.KEY, whose verdicts must be AGREEING
+    agree: tuple[str, ...] = ()  # instead of `holds`: names, as FIGURE.KEY, of statements that must agree
     rule: str = "none"  # conditions of a trend, in words
     ours: str = ""  # format string of our result
-    why: str = ""  # format string of the reason of a disagreement, or of a remark
+    why: str = ""  # format string: the reason for a disagreement, or a remark
     source: str = ""  # source of numbers that this study does not compute
-    reading: Mapping[str, Any] = field(default_factory=dict)  # text, holds and ours of another reading of the passage
+    reading: Mapping[str, Any] = field(default_factory=dict)  # another reading: its `text`, `holds` and `ours`
 
 
 SAID = {  # statements by FIGURE.KEY
@@ -130,7 +130,7 @@ def judge(figure: str, said: Said, numbers: Numbers, others_agree: bool = True) 
 
 
 def judged(numbers: Mapping[str, Numbers], statements: Mapping[str, Said] = SAID) -> pl.DataFrame:
-    """Return a row of `judge` for each statement, if its figure and those in its `agree` are in `numbers`."""
+    """Return a row of `judge` for each statement whose figure, and the figures of its `agree`, are in `numbers`."""
     found = dict[str, dict[str, Any]]()
     for name, said in sorted(statements.items(), key=lambda item: bool(item[1].agree)):  # statements with `agree` last
         figure = name.partition(".")[0]

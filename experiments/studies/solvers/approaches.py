@@ -12,7 +12,7 @@ from experiments.lab.scenes import DISTANCE, MOTION, scene
 from impact_gym.robot import default_approach
 from impact_gym.scene import Coupling, Dissipation
 
-CRUISE = ig.Trapezoid(1.0, 8.0, ig.Brake(threshold=1.0, delay=10.0))  # brakes only after the end of each run
+CRUISE = ig.Trapezoid(1.0, 8.0, ig.Brake(threshold=1.0, delay=10.0))  # the brake would act only after the end of a run
 STORM_SEED = 4
 
 RANGES = {  # ranges of random numbers of a scene, in which the solver must work
@@ -68,7 +68,7 @@ class Approach:
 
 @dataclass(frozen=True)
 class Solution:
-    """A solver's answer for an approach; a number that the solver does not give is nan."""
+    """A solver's answer for an approach; nan: a float that the solver does not give."""
 
     velocity: float  # m/s, V_p
     peak_force: float = math.nan  # N
@@ -102,7 +102,7 @@ def approach_of(name: str) -> Approach:
 def named() -> tuple[Approach, ...]:
     """Return the six named approaches."""
     soft, spring = ig.SpringDamper(50.0), ig.SpringDamper(150.0)
-    # Fig. 23 just below the speed of 0.97724 m/s, above which the slider stays behind its alignment
+    # Fig. 23 at just below 0.97724 m/s; at a higher speed the slider stays behind its alignment
     speed = 0.9772  # m/s
     at_threshold = ig.Trapezoid(speed, MOTION.acceleration, MOTION.brake)
     distance = speed**2 / (2 * MOTION.acceleration) + speed * (DISTANCE - 1 / (2 * MOTION.acceleration))
@@ -126,7 +126,7 @@ class _Draw:
         self.share = self.rng.uniform
 
     def value(self, name: str) -> float:
-        """Draw from a range: log-uniform, or uniform if the range begins at 0. In RANGES, some draws are an end."""
+        """Draw from a range: log-uniformly, or from 0 uniformly. Some draws from RANGES are an end of the range."""
         low, high = RANGES.get(name) or OTHERS[name]
         u, end = map(float, self.rng.random(2))
         if name in RANGES and end < AT_AN_END:
@@ -183,7 +183,7 @@ def storm(number: int) -> Approach:
 
 
 def roughened(smooth: ig.Scene, acceleration: float, draw: _Draw) -> ig.Scene:
-    """Add friction, fixed damping and limited travel of a spring to a scene, each with probability ROUGH."""
+    """Add friction, "fixed" dissipation and limited travel of a spring to a scene, each with probability ROUGH."""
     target, contact, coupling = smooth.object, smooth.contact, smooth.coupling
     if draw.share(0, 1) < ROUGH:
         target = replace(target, friction=draw.value("friction"))

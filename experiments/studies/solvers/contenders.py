@@ -16,7 +16,7 @@ from experiments.studies.solvers.taylor import Run
 
 OURS, CAREFUL, PEER = "impact_gym", "SciPy", "heyoka"  # "SciPy": `experiments.reference` with METHODS of SciPy
 METHODS = ("RK45", "DOP853", "LSODA", "Radau")
-# modules on which the rows of contenders depend, in addition to SOLVER
+# modules on which the rows of contenders depend, in addition to `experiments.lab.study.SOLVER`
 JUDGES = ("experiments.reference", "experiments.lab.scenes", "experiments.studies.solvers")
 MISCOUNTED, WRONG, NOT_FINITE, GAVE_UP = "V_p right, events miscounted", "V_p wrong", "not finite", "gave up"
 TOO_WRONG = 1e-2  # m/s, error of V_p above which a contender has failed
@@ -26,7 +26,7 @@ SLOW = 0.2  # s; a longer call is timed only in the first round
 
 
 def power(value: float) -> str:
-    """Return a number without leading zeros in its exponent, such as 1e-6."""
+    """Return a number as text without leading zeros in a negative exponent, such as 1e-6."""
     return f"{value:g}".replace("e-0", "e-")
 
 
@@ -89,9 +89,9 @@ def solved(approach: Approach, name: str, setting: float) -> tuple[Solution, flo
 
 
 def judged(approach: Approach, name: str, setting: float, truth: Solution) -> Row:
-    """Return a contender's time of a call (µs) and failure; without an exception, also V_p's error (m/s) and counts."""
+    """Return time per call (µs), failure, error of V_p (m/s) and counts; after an exception, only the first two."""
     try:
-        if name == PEER:  # a first call, which compiles
+        if name == PEER:  # the first call compiles
             solved(approach, name, setting)
         solution, seconds = solved(approach, name, setting)
         calls = 1

@@ -1,9 +1,9 @@
 """Approaches by heyoka: Taylor series, compiled by LLVM (Biscani, Izzo 2021). No code is shared with our solver.
 
 The units in a contact are the length delta0 = (M v_in^2/k_c)^0.4, the velocity v_in and the time t0 = delta0/v_in. M is
-the reduced mass, v_in the approach velocity, k_c the contact stiffness. As in our solver, the state has the root s of
-the penetration, and sigma replaces the time: dt = t0 s dsigma. Hertz' law is a polynomial in s, so Taylor series keep
-their order at onset and separation. Flight is integrated in SI units, with the penetration itself.
+the reduced mass, v_in the approach velocity, k_c the contact stiffness. As in our solver, the state has the square root
+s of the penetration, and sigma replaces the time: dt = t0 s dsigma. Hertz' law is a polynomial in s, so Taylor series
+keep their order at onset and separation. Flight is integrated in SI units, with the penetration instead of s.
 """
 
 import math
@@ -19,7 +19,7 @@ from experiments.studies.solvers.approaches import Solution
 LAW = ("m_t", "m_p", "k_c", "d", "k_t", "c_t", "L0", "H", "x0", "front", "rear", "k_s", "c_s")
 PARAMETERS = (*LAW, "a", "cut", "alarm", "length", "speed", "pressed", "front_on", "rear_on")
 STATE = ("s", "w", "v", "tau", "y", "q")
-FOREVER = 1e6  # time limit of a contact, in units of t0; no contact is so long
+FOREVER = 1e6  # limit of sigma in a contact; every contact ends before this limit
 BESIDE = 1e-20  # absolute value of `s` where flight or contact begins, because heyoka could miss an event at exactly 0
 ROUNDING = 1e-12  # m, rounding of the slider's position
 
@@ -42,7 +42,7 @@ def law_of(scene: ig.Scene) -> dict[str, float]:
 def integrator(kind: str, touching: bool, tolerance: float) -> tuple[Any, dict[int, str]]:
     """Compile flight or contact for the coupling class `kind`; return heyoka's integrator and the names of its events.
 
-    s is the root of the penetration (in flight the penetration), w the rate of the penetration, v the object's
+    s is the square root of the penetration (in flight the penetration), w the rate of the penetration, v the object's
     velocity, tau the time since flight or contact began, y the tool's deflection from the flange and q the rate of y.
     """
     hy = import_module("heyoka")

@@ -11,7 +11,7 @@ from experiments.studies.stability.storm import storm_row, truth_row
 
 SCENES, QUICK_SCENES = 10_000, 200
 HANG = 120.0  # s, time limit of one scene
-EVERY, FIRST = 50, 17  # the independent solver judges scenes 17, 67, 117, ...
+EVERY, FIRST = 50, 17  # the independent solver also solves scenes 17, 67, 117, ...
 PATIENCE = 60.0  # s, limit of the processor time of each method of the independent solver
 SHOWN = 200  # largest number of failures on the page
 
@@ -22,13 +22,13 @@ def unknown_row(labels: Row) -> Row:
 
 
 def cells_of_truth(quick: bool, frames: Frames) -> Iterator[Cell]:
-    """Yield a cell for each scene that the independent solver judges."""
+    """Yield a cell for each scene that the independent solver also solves."""
     for number in range(FIRST, frames["storm"].height, EVERY):
         yield Cell({"scene": number}, {"number": number, "patience": 10.0 if quick else PATIENCE})
 
 
 def analyse(frames: Frames, quick: bool) -> Findings:
-    """Return the page: which of `promises.PROMISES` the runs keep, and which runs do not."""
+    """Return the page: which of `promises.PROMISES` are kept, and which runs break a promise."""
     storm, judging = frames["storm"], frames["truth"]
     judged, unknown = promises.agreement(storm, judging), judging.filter(~promises.FINISHED)
     broken, apart = promises.failures(storm), judged.filter("apart")

@@ -73,7 +73,7 @@ def agreement(storm: pl.DataFrame, truths: pl.DataFrame) -> pl.DataFrame:
 
 
 def over_agreement(judged: pl.DataFrame, unknown: int) -> tuple[str, str, bool]:
-    """Return text, finding, verdict of the promise about the independent solver, which failed in `unknown` scenes."""
+    """Return text, finding and verdict of agreement with the independent solver, which failed in `unknown` scenes."""
     apart, errors = judged.filter("apart").height, judged["velocity_error"].drop_nans().to_numpy()
     words = f"{apart} of {judged.height} do not, the independent solver failed in {unknown}"
     words += f", median {np.median(errors):.1e}" if errors.size else ""

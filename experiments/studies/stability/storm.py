@@ -38,12 +38,12 @@ TRUE_RTOL = {"DOP853": 1e-11, "Radau": 1e-10}
 CHECKS = ("momentum_error", "impulse_error", "energy_created", "energy_doubt", "pull")
 """Columns with the checks of a run, without units: values of the worst contact, 0 without a contact.
 
-`momentum_error`: ratio of the residual of the paper's eq. 20 to the impulse. `impulse_error`: ratio, to the impulse, of
-the part of (impulse minus gain of the object's momentum) that friction does not explain. `energy_created`: ratio of the
-energy that the contact created (below 0: lost) to the energy exchanged. `energy_doubt`: ratio of the doubt of this
-energy to the energy exchanged. Without a trace, these two ratios are nan. `pull`: the largest of three ratios: of a
-contact force below 0 to the peak force; of a decrease of V_p beyond friction in a contact to the sum of V_p before and
-approach velocity; of a negative impulse to the object's mass times this sum.
+`momentum_error`: residual of the paper's eq. 20, divided by the impulse. `impulse_error`: difference between impulse
+and gain of the object's momentum that friction does not explain, divided by the impulse. `energy_created`: energy that
+the contact created (below 0: lost), divided by the energy exchanged; nan without a trace. `energy_doubt`: doubt of
+`energy_created`; nan without a trace. `pull`: the largest of three ratios: a contact force below 0, divided by the peak
+force; a decrease of the object's velocity beyond friction, divided by v; a negative impulse, divided by the object's
+mass times v. Here v is the object's velocity before the contact plus the approach velocity.
 """
 
 Array = NDArray[np.float64]
@@ -162,7 +162,7 @@ def energy(scene: ig.Scene, trace: ig.Trace, contact: ig.ContactRecord) -> tuple
 def _work(
     target: ig.Object, time: Array, mass: Array, delta: Array, rate: Array, velocity: Array, force: Array
 ) -> tuple[Array, Array]:
-    """Return M a d(delta) between successive points (J), for M a constant in between, and the impulses so far (N s)."""
+    """Return M a d(delta) (J) between successive points, with constant M a there, and the impulses so far (N s)."""
     # impulse = momentum of the object + impulse of friction; without sliding, friction equals the contact force
     friction, passed = GRAVITY * target.mass * (target.friction or 0.0), np.diff(time)
     slides = velocity[1:] + velocity[:-1] != 0.0
