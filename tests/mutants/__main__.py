@@ -8,6 +8,7 @@ each run. A survivor needs a reason in `mutants.toml`: `equivalent` if no test c
 import argparse
 import hashlib
 import json
+import os
 import tomllib
 from collections import Counter
 from pathlib import Path
@@ -15,7 +16,7 @@ from pathlib import Path
 from agents.jobs import JobsFailedError, cached
 from impact_gym.files import whole_file
 from tests.mutants.edits import Edit, mutants
-from tests.mutants.trial import ROOT, SURVIVED, trial
+from tests.mutants.trial import ROOT, SECONDS, SURVIVED, trial
 
 TABLE = tomllib.loads((Path(__file__).parent / "mutants.toml").read_text("utf-8"))
 TESTS = {file: tuple(place["tests"]) for place in TABLE["place"] for file in place["files"]}
@@ -65,7 +66,10 @@ def failed_trials(edits, folder, processes):
         by_file.setdefault(edit.file, []).append(edit)
     tests = {file: list(TESTS[max(filter(file.startswith, TESTS), key=len)]) for file in by_file}
     unedited = [vars(Edit()) | {"tests": each} for each in map(list, dict.fromkeys(map(tuple, tests.values())))]
-    cached(trial, unedited, depends=digest(sources), title="unedited", **options)
+    seconds = folder.absolute() / "seconds.json"
+    tried = cached(trial, unedited, depends=digest(sources), title="unedited", **options)
+    seconds.write_text(json.dumps({test: took for each in tried for test, took in each["tests"].items()}))
+    os.environ[SECONDS] = str(seconds)
     for file, of_file in by_file.items():
         calls = {json.dumps(vars(edit) | {"tests": tests[file]}, sort_keys=True): edit for edit in of_file}
         try:
@@ -85,7 +89,8 @@ def verdict(edit, reason):
         return "killed", ""
     if SURVIVED not in reason:
         return "no mutant", reason
-    entry = REASONS.get((edit.file, edit.before.strip(), edit.after.strip()), {"kind": "unexplained", "why": reason})
+    before, after = (text.split("  #")[0].strip() for text in (edit.before, edit.after))
+    entry = REASONS.get((edit.file, before, after), {"kind": "unexplained", "why": reason})
     return entry["kind"], entry["why"]
 
 

@@ -1,5 +1,6 @@
-"""One trial: tests run in a copy of the project with one edit."""
+"""One trial: tests run in a copy of the project with one edit. In the trial, pytest loads this module as a plugin."""
 
+import json
 import os
 import re
 import runpy
@@ -18,7 +19,8 @@ from tests.helpers.opened import compiled
 ROOT = Path(__file__).parents[2]
 LEFT_OUT = (".*", "runs", "reports", "site", "build", "*.egg-info", "mutants")
 SURVIVED = "survived"
-LIMIT = 600.0  # s; an edit may make a loop endless
+LIMIT = 1200.0  # s; an edit may make a loop endless
+SECONDS = "MUTANTS_SECONDS"  # environment variable: path of a JSON file with the times of tests, in s
 
 
 class SurvivedError(Exception):
@@ -26,7 +28,7 @@ class SurvivedError(Exception):
 
 
 def trial(file, line, before, after, tests):
-    """The first test that failed and the duration in s. Without `file` there is no edit and no test may fail.
+    """The first test that failed, and the durations in s. Without `file` there is no edit and no test may fail.
 
     Raises:
         SurvivedError: no test failed.
@@ -48,25 +50,29 @@ def trial(file, line, before, after, tests):
                 library = copy / "impact_gym" / f"kernels{sysconfig.get_config_var('EXT_SUFFIX')}"
                 compiled(library.with_name("kernels.pyx"), library.parent, library, "-O1", sources["digest"]())
         environment = os.environ | {"PYTHONPATH": str(copy), "TMPDIR": folder}
-        flags = ("-x", "-q", "--tb=line", "--hypothesis-seed=0", "-p", "no:cacheprovider")
-        for selected in ("not storm", "storm"):  # most edits are killed before the slow tests
-            process = subprocess.Popen(
-                [sys.executable, "-m", "pytest", "-m", selected, *flags, *tests], cwd=copy, env=environment, text=True,
-                stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True,
-            )  # fmt: skip
-            try:
-                output, _ = process.communicate(timeout=LIMIT)
-            except subprocess.TimeoutExpired:
-                output = f"FAILED by taking longer than {LIMIT:g} s"
-            finally:
-                with suppress(ProcessLookupError):
-                    os.killpg(process.pid, signal.SIGKILL)
-            passed = process.returncode in (0, 5)  # 5: no test was selected
-            if not passed:
-                break
+        flags = ("-x", "-q", "--tb=line", "--durations=0", "--hypothesis-seed=0", "-p", "no:cacheprovider", "-m", "")
+        process = subprocess.Popen(
+            [sys.executable, "-m", "pytest", "-p", "tests.mutants.trial", *flags, *tests], cwd=copy, env=environment,
+            text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True,
+        )  # fmt: skip
+        try:
+            output, _ = process.communicate(timeout=LIMIT)
+        except subprocess.TimeoutExpired:
+            output = f"FAILED by taking longer than {LIMIT:g} s"
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+    passed = process.returncode == 0
     failed = re.findall(r"^(?:FAILED|ERROR) (.*)", output, re.M)
     if file and passed:
         raise SurvivedError(f"{SURVIVED} {', '.join(tests)}")
     if not (file or passed):
         raise ValueError(f"without any edit {', '.join(tests)} fail: {failed or output[-2000:]}")
-    return {"killer": (failed or [output.strip()[-200:]])[0], "seconds": monotonic() - start}
+    seconds = {test: float(took) for took, test in re.findall(r"^(\S+)s call +(.*)$", output, re.M)}
+    return {"killer": (failed or [output.strip()[-200:]])[0], "seconds": monotonic() - start, "tests": seconds}
+
+
+def pytest_collection_modifyitems(items):
+    """Run the quickest tests first: they find most edits. Their times, in SECONDS, are those without an edit."""
+    seconds = json.loads(Path(os.environ[SECONDS]).read_text()) if SECONDS in os.environ else {}
+    items.sort(key=lambda item: seconds.get(item.nodeid, 0.0))
