@@ -22,7 +22,7 @@ def cell(
     labels: Row, controller: Mapping[str, Any], environment: Mapping[str, Any], scenarios: Mapping[str, Any],
     weights: Sequence[float], **more: Any,
 ) -> Cell:  # fmt: skip
-    """Return a cell that plays a controller; the arguments after `labels` are those of `play`."""
+    """Return a cell for `play`; the arguments after `labels` are passed to `play`."""
     environment, where = jobs.environment_and_scenarios(environment, scenarios)
     arguments = {"controller": controller, "environment": environment, "scenarios": where}
     return Cell(labels, {**arguments, "weights": list(weights), **more})
@@ -44,7 +44,7 @@ def play(
 
 
 def groups(frame: pl.DataFrame, *by: str) -> Iterator[tuple[tuple[Any, ...], pl.DataFrame]]:
-    """Yield each combination of values of the columns `by` with its rows, in the order of the rows."""
+    """Yield each combination of values in the columns `by` with its rows; combinations are in order of appearance."""
     yield from frame.group_by(by, maintain_order=True)
 
 

@@ -37,8 +37,8 @@ MACROS: Mapping[type, str] = {  # macros of lab/parts.html.jinja, by the type of
 def write(folder: Path, template: str, **content: Any) -> Path:
     """Write `folder`/index.html from a template below experiments/, and return the path of the page.
 
-    The template can use the filter `typeset` and two functions: `macro_name(part)` names the macro of a section's part,
-    `image(picture)` writes `folder`/NAME.svg and returns it as a URI. `content` must have `runs`, records of runs.
+    The template can use `content` (at least `runs`, the records of runs), the filter `typeset` and the module `player`.
+    `image(picture)` writes `folder`/NAME.svg and returns a URI; `macro_name(part)` returns the name of a part's macro.
     """
 
     def image(picture: Picture) -> str:

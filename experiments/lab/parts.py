@@ -53,7 +53,7 @@ class HeatMap:
 
     caption: str
     head: Sequence[str]
-    rows: Sequence[tuple[str, str, Sequence[Heat]]]  # changed argument, tried values, cell of each contestant
+    rows: Sequence[tuple[str, str, Sequence[Heat]]]  # changed argument, its values, a `Heat` for each contestant
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Section:
-    """A part of a page under a heading: paragraphs (str), tables, heat maps and pictures."""
+    """A heading, and below it paragraphs (str), tables, heat maps and pictures."""
 
     heading: str
     parts: Sequence[Any]

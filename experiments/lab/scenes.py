@@ -16,7 +16,7 @@ DURATION = 1.5  # s, of a simulation
 ROBOT = ig.Robot(mass=5.225, stiffness=1.9e5, damping=50.4)  # the mass is printed; stiffness and damping are identified
 ROBOT_AND_TOOL = ROBOT.mass + TOOL_MASS  # kg, printed in section 3.2 as 5.35
 MECHANISM = ig.Bistable()  # height H, free length L0 and stiffness k are printed; the front stop is identified
-HOLD = TOOL_MASS * MOTION.acceleration  # N, to hold the tool during acceleration, a mechanism needs at least this
+HOLD = TOOL_MASS * MOTION.acceleration  # N, holding force that a mechanism needs during the acceleration
 LINEAR = ig.SpringDamper(stiffness=50.0, damping_ratio=1.0)  # spring that Fig. 23 compares with MECHANISM
 
 

@@ -105,7 +105,7 @@ class Comparison:
 
     @classmethod
     def of_fronts(cls, ours: Front, theirs: Front) -> Self:
-        """Compare V_p (m/s) of both fronts at the time of `theirs`, which has a single point."""
+        """Compare V_p (m/s) of both fronts at the approach time of `theirs`; the front `theirs` has a single point."""
         (time,), (velocity,) = theirs[0].T, theirs[1].T
         return cls(along(*ours, time), velocity)
 

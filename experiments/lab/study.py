@@ -81,7 +81,7 @@ class Study:
 class StudyOptions:
     """Run a study, and write a page with its tables.
 
-    A cell, one combination of settings, gives rows of a table. The command measures only cells that have no result yet.
+    A cell is one combination of settings; it gives rows of a table. The command measures only cells without results.
     """
 
     out: Path | None = None
@@ -150,7 +150,7 @@ class Run(dict[str, pl.DataFrame]):
     def write(self) -> Path:
         """Measure missing cells, write tables, figures and the page, and return the path of the page.
 
-        The page and results.json have a record of each run since the last --force: command, versions, machine, load
+        The page and results.json list all runs since the last --force. Each record has command, versions, machine, load
         before the run, and duration in seconds (None: the run did not finish).
         """
         kept, log = self.folder / KEPT, self.folder / "results.json"

@@ -55,7 +55,7 @@ class Line:
                 continue
             _, self.last, *command = COMMAND.unpack(packet)
             self.peer = peer
-            found = (command[0], command[1], command[2]) if self.last > 0.0 else found  # sequence 0 is a greeting
+            found = (command[0], command[1], command[2]) if self.last > 0.0 else found  # sequence 0: a greeting
 
     def refusal(self, packet: bytes, peer: Any, now: float) -> str:
         """Return the reason to refuse a packet received at `now` (s); "": none."""

@@ -20,7 +20,7 @@ NAMES = {  # assistances, with the labels on the page
 }  # fmt: skip
 COUPLINGS = {"rigid": "tool fixed", "spring": "on a spring", "bistable": "bistable"}  # labels on the page, by coupling
 PERSON = {"type": "Person"}
-PERIOD: float = Task.control_period  # s, the only control period that can be played
+PERIOD: float = Task.control_period  # s, control period that a set-up must have to be played
 # unit, least and largest value of the settings: delay of the round trip, jitter of each channel, spring stiffness
 RANGES = {"delay": ("s", 0.0, 1.0), "jitter": ("s", 0.0, 0.05), "stiffness": ("N/m", 20.0, 2000.0)}
 RTOL = 1e-12  # relative tolerance at which results of `simulate` and of the environment agree to 1e-9

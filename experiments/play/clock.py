@@ -47,7 +47,7 @@ class Stick:
         self.let_go = True
 
     def at(self, moment: float) -> float:
-        """Return the velocity (m/s) at `moment` (s): 0 after `stop` or SILENT, else the last input (see HOLD)."""
+        """Return the velocity (m/s) at `moment` (s): 0 after `stop` or SILENT s, else the last input (see HOLD)."""
         inputs = tuple(self.inputs)
         came, velocity = next((each for each in reversed(inputs) if each[0] <= moment), inputs[0])
         if self.let_go or moment - came > SILENT:

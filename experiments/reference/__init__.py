@@ -1,6 +1,6 @@
 """The slow and simple independent solver, with which tests and studies compare the solver of `impact_gym`.
 
-All modules except `task` import nothing of `impact_gym`; they read the attributes of scene and motion. Events divide
+All modules except `task` import nothing from `impact_gym`; they read the attributes of scene and motion. Events divide
 a motion into phases with smooth equations, see `chain.System.switches`. Flight is in SI units, a contact in the units
 
     length: delta0 = (M v_in^2/k_c)^(1/(m+1)),    time: t0 = delta0/v_in,    force: F0 = k_c delta0^m = M v_in/t0,
@@ -35,7 +35,7 @@ class Reference:
     object_position: float  # position of the object's face; 0 is the position of the tool's face at the start
     tool_position: float  # position of the tool's face
     flange_position: float  # 0 at the start
-    stop_hits: int  # number of times that a stop began to push
+    stop_hits: int  # number of times that a stop of the coupling began to push
     contact_seconds: float = field(compare=False)  # s, processor time of all contacts
 
 

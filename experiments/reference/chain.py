@@ -1,9 +1,9 @@
 """Forces and accelerations of object, tool and flange.
 
-The positions are x_p of the object, x_t of the tool, x_f of the flange, and x_r of the commanded motion. The state is
-y = (delta, delta', u, u', w, w', impulse of F, impulse of T). The penetration is delta = x_t - x_p; the deflections are
-u = x_f - x_t of the coupling and w = x_r - x_f of the robot. The forces are F of the tool on the object, T of the
-coupling on the tool, and R of the robot's stiffness and damping on the robot's mass.
+The positions are x_p of the object, x_t of the tool, x_f of the flange, and x_r of the commanded motion. The
+penetration is delta = x_t - x_p; the deflections are u = x_f - x_t of the coupling and w = x_r - x_f of the robot. The
+forces are F of the tool on the object, T of the coupling on the tool, and R of the robot's stiffness and damping on the
+robot's mass. The state is y = (delta, delta', u, u', w, w', impulse of F, impulse of T).
 """
 
 from dataclasses import dataclass

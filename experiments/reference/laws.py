@@ -78,7 +78,7 @@ def _unequal_exponents(e: float, m: float, n: float) -> float:
 
 
 def _isolated_restitution(d: float, m: float, n: float) -> float:
-    """Return -u' at the end of u'' = -max(0, u^m + d u^n u'), u(0) = 0, u'(0) = 1: at u = 0, or at force 0 if n < m."""
+    """Return -u' at the end (u = 0; force 0 if n < m) of u'' = -max(0, u^m + d u^n u') from u(0) = 0, u'(0) = 1."""
 
     def rates(_: float, y: list[float]) -> tuple[float, float]:
         u = max(float(y[0]), 0.0)
@@ -125,7 +125,7 @@ class BistableForce:
         limits = (0.0, self.k * self.L0 / self.k_s)
         held = brentq(lambda p: self.spring(coupling.front_stop + p) - self.k_s * p, *limits, **tight)
         self.p_front = float(held)  # m, penetration of the front stop at rest
-        self.x0 = float(coupling.front_stop + self.p_front)  # m, distance of the slider from its alignment at rest
+        self.x0 = float(coupling.front_stop + self.p_front)  # m, from the alignment to the slider at rest
         self.p_rear = float(coupling.rear_stop - self.x0)  # m, penetration of the rear stop at u = 0, below 0
 
     def spring(self, x: float) -> float:

@@ -168,7 +168,7 @@ def _at_rest(task: Task, scenario: Mapping[str, float]) -> Motion:
 
 
 def _observation_times(task: Task, alarm: float, by_reading: bool) -> list[float]:
-    """Return the times of observations and of the end (s). Unless `by_reading`, an alarm begins a control period."""
+    """Return the times (s) of observations and of the end. An alarm begins a new control period if not `by_reading`."""
     end, period = task.horizon if alarm == inf else alarm + task.after_alarm, task.control_period
     start = 0.0 if alarm == inf or by_reading else alarm
     before = [] if start == 0.0 else [k * period for k in range(1, 1 + int((alarm - ROUNDING) / period))] + [alarm]
