@@ -173,7 +173,7 @@ def publish(matchups: Sequence[Matchup], options: ReportOptions) -> Path:
 
 def results_of(folder: Path) -> dict[str, Any]:
     """Return the content of a folder's results.json; empty if the file is missing or damaged."""
-    with suppress(OSError, ValueError):
+    with suppress(OSError, TypeError, ValueError):
         return dict(json.loads((folder / RESULTS).read_text()))
     return {}
 
