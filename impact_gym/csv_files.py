@@ -1,6 +1,6 @@
-"""Read columns of numbers from CSV files of various programs, such as logs of hits and of channel delays.
+"""Read columns of numbers from CSV files that various programs write, such as logs of blows and of packet delays.
 
-`read_columns` finds encoding, separator, decimal sign, the lines before the numbers, and the columns' names and units.
+`read_columns` finds encoding, separator, decimal sign, the first line of numbers, and the columns' names and units.
 """
 
 import codecs
@@ -32,7 +32,7 @@ SCALES: Mapping[str, Mapping[str, float]] = {
 """For each SI unit: accepted units in lower case, with their factors to the SI unit."""
 IN_BRACKETS = (r"(.+?)[\s_]*[\[({<]([^\[({<]*)[\])}>]\s*", r"([^/]+?)\s*/\s*\(?(.+?)\)?")
 UNIT_FORMS = (*IN_BRACKETS, r"(.+)()", r"(.+?)(?:[\s_,:-]|\bin\b)+([^\s_]+)")
-"""Patterns of headers such as Force (N), force/N, force, force_N; an unknown unit is an error in the first two."""
+"""Patterns of headers such as Force (N), force/N, force, force_N; in the first two, an unknown unit is an error."""
 SEPARATORS = ("\t", ";", ",", "|", None)  # between fields; None: one or more blanks or tabs
 NUMBERS = {
     sign: re.compile(rf"[+-]?((\d+[{sign}]?\d*|[{sign}]\d+)(e[+-]?\d+)?|nan|inf(inity)?)", re.IGNORECASE)
@@ -40,14 +40,14 @@ NUMBERS = {
 }
 COMMENTS = ("#", "%", "//")
 COMMENT_LINE = re.compile(r"^[ \t]*(#|%|//).*", re.MULTILINE)
-FIRST_LINES, FIRST_CHARACTERS = 500, 100_000  # at most this part of a file's beginning is used to find its layout
+FIRST_LINES, FIRST_CHARACTERS = 500, 100_000  # the layout is found from at most this much of a file's beginning
 
 
 class Column(NamedTuple):
     """A column to look for in a file."""
 
     unit: str  # SI unit, a key of SCALES
-    names: str  # regular expression of the column's names in files, in lower case with a blank between words
+    names: str  # regular expression for the column's name in a file, in lower case with a blank between words
     needs_unit: bool = False  # True: the file must state the unit, because several units are common
     may_be_empty: bool = False  # True: an empty field becomes nan; False: an empty field is refused
 
@@ -60,7 +60,7 @@ class _Layout(NamedTuple):
     separator: str | None
     decimal: str
     first: int  # index of the first line of numbers
-    least: int  # number of columns, counted up to the last column that usually has a number
+    least: int  # number of fields up to the last one that usually has a number
     most: int  # number of fields in the first line of numbers
 
 
@@ -121,7 +121,7 @@ def _numbers(
 ) -> NDArray[np.float64]:
     """Return the numbers (rows, columns) in the fields `places` of each line; the keys of `rows` are line numbers."""
     if layout.decimal == "." and not any('"' in line for line in rows.values()):
-        with suppress(ValueError):  # if NumPy refuses a line, such as one with an empty field, the loop below reads all
+        with suppress(ValueError):  # if NumPy refuses a line (such as an empty field), the loop below reads all lines
             return np.loadtxt(
                 rows.values(), comments=None, delimiter=layout.separator, usecols=[*places.values()], ndmin=2
             )
@@ -158,7 +158,7 @@ def _layout(lines: Sequence[str]) -> _Layout:
                 most = sum(shares)
     if best is None:
         written = next((line for line in reversed(lines) if line.strip()), "")
-        reason = f"no line has two numbers among the first {len(lines)}, of which the last is {shown(written)}"
+        reason = f"no line has two numbers among the first {len(lines)}; the last one with text is {shown(written)}"
         raise ValueError(reason if written else "it is empty")
     return best
 
@@ -166,41 +166,41 @@ def _layout(lines: Sequence[str]) -> _Layout:
 def _sources(
     lines: Sequence[str], layout: _Layout, wanted: Mapping[str, Column], unnamed: Sequence[str]
 ) -> tuple[_Sources, list[str]]:
-    """Return index and factor of each wanted column found, and the file's column names ("" if it has none)."""
+    """Return index and factor of each wanted column found, and the columns' names ("" for each if there are none)."""
     allowed = ", ".join(f"{name} ({column.unit})" for name, column in wanted.items())
     heads, units, between = _names(lines, layout, wanted)
     if heads and between:
         raise ValueError(f"line {between[0] + 1} must have units or numbers, got {shown(lines[between[0]])}")
     words = _split(lines[between[0]], layout.separator) if between and not heads else []
     if len(words) > 1 and (layout.separator or len(words) == layout.least or any(_meaning(w, wanted) for w in words)):
-        raise ValueError(f"line {between[0] + 1} must name the {layout.least} columns of numbers below it, some of "
-                         f"them {allowed}, got {shown(lines[between[0]])}")  # fmt: skip
+        raise ValueError(f"line {between[0] + 1} must name the {layout.least} columns of numbers below it "
+                         f"(known: {allowed}), got {shown(lines[between[0]])}")  # fmt: skip
     if not heads and layout.least != len(unnamed):
-        raise ValueError(f"{layout.least} columns must have names, some of them {allowed}, got none")
+        raise ValueError(f"{layout.least} columns must have names (known: {allowed}), got none")
     meanings = [_meaning(head, wanted) or ("", "") for head in heads] or [(name, "") for name in unnamed]
     sources: _Sources = {}
     for name, column in wanted.items():
         meant = [(place, meaning[1]) for place, meaning in enumerate(meanings) if meaning[0] == name]
         same = [each for each in meant if heads and _plain(heads[each[0]]) == name.replace("_", " ")]
         if len(meant) > 1 and len(same) != 1:
-            raise ValueError(f"one column must be {name}, got {', '.join(shown(heads[place]) for place, _ in meant)}")
+            raise ValueError(f"{name} must be one column, got {', '.join(shown(heads[place]) for place, _ in meant)}")
         for place, unit in (same or meant)[:1]:
             head = heads[place] if heads else ""
             unit = unit or ("".join(units[place : place + 1])).strip("-[](){}<> ")
             scale = _scale(column.unit, unit) if unit else None
             if (unit and scale is None) or (column.needs_unit and not unit):
                 units_allowed = ", ".join(SCALES[column.unit])
-                raise ValueError(f"{name}, {shown(head)}, must be in one of {units_allowed}, got {shown(unit)}")
+                raise ValueError(f"{name}, {shown(head)}: unit must be one of {units_allowed}, got {shown(unit)}")
             sources[name] = place, scale
     if unnamed[0] not in sources or len(sources) < 2:
-        raise ValueError(f"there must be {unnamed[0]} and another one of {allowed}, got {', '.join(map(shown, heads))}")
+        raise ValueError(f"it must have {unnamed[0]} and one more of {allowed}, got {', '.join(map(shown, heads))}")
     return sources, heads or [""] * layout.least
 
 
 def _names(
     lines: Sequence[str], layout: _Layout, wanted: Mapping[str, Column]
 ) -> tuple[list[str], list[str], list[int]]:
-    """Return the columns' names, units, and the indices of lines with other text above the numbers, up to the names."""
+    """Return the columns' names and units, and the indices of other lines with text between names and numbers."""
     units: list[str] = []
     between: list[int] = []
     for k in reversed(range(layout.first)):

@@ -80,7 +80,7 @@ def writing(what: str) -> Iterator[None]:
     """Turn an OSError with a code in NO_ROOM into a DiskFullError, whose message contains `what`."""
     try:
         yield
-    except DiskFullError:  # an inner `writing` has already named its file
+    except DiskFullError:  # the message of an inner `writing` already names the file
         raise
     except OSError as error:
         if error.errno not in NO_ROOM:
@@ -95,12 +95,12 @@ def whole_file(path: Path) -> Iterator[IO[bytes]]:
     If `path` is a link, the file that it points to is replaced.
 
     Raises:
-        OSError: `path` is a folder, a device, a pipe or a ring of links, or cannot be written; `path` is unchanged.
+        OSError: `path` is a folder, a device, a pipe or a loop of links, or cannot be written; `path` is unchanged.
         DiskFullError: there is no room; `path` is unchanged.
     """
     name, path = path, Path(os.path.realpath(path))
-    if path.is_symlink() or (path.exists() and not path.is_file()):  # `realpath` leaves a link only in a ring of links
-        what = "a folder, a device, a pipe or a ring of links"
+    if path.is_symlink() or (path.exists() and not path.is_file()):  # if links form a loop, `realpath` returns a link
+        what = "a folder, a device, a pipe or a loop of links"
         raise OSError(f"{name} must be a file or not exist yet, but it is {what}: nothing is written")
     unfinished = path.with_name(f".{path.name}.{os.getpid()}{UNFINISHED}")
     with writing(str(name)):
@@ -127,12 +127,12 @@ def locked(path: Path, wait: bool = True) -> Iterator[None]:
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.is_symlink() or (path.exists() and not path.is_file()):
-        raise ValueError(f"{path} must be a regular file, as it is the lock of its folder: remove it")
+        raise ValueError(f"{path} must be a regular file, because it locks its folder: remove what has this name")
     with path.open("a") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
         except BlockingIOError as error:
-            raise ValueError(f"{path.parent} is being written by another process or thread") from error
+            raise ValueError(f"{path.parent} is being written by another process or thread: try again later") from error
         for unfinished in path.parent.rglob(f".*{UNFINISHED}"):
             unfinished.unlink(missing_ok=True)
         yield

@@ -1,4 +1,4 @@
-"""Tables of the arguments, the observation and the draws, for the docstrings of the environment classes."""
+"""Tables of the arguments, the observation and the drawn numbers, for docstrings of the environment classes."""
 
 from typing import TypeVar
 

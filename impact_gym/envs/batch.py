@@ -1,4 +1,4 @@
-"""The batch that every environment class uses: arrays with a row for each environment, stepped by compiled code."""
+"""The batch that every environment class uses: arrays with a row for each environment. Compiled code steps the rows."""
 
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -32,8 +32,8 @@ _STATE = (
     "traces",
 )  # fmt: skip
 TRACE_INTERVAL = 1e-3  # s, largest time between two points of a trace while tool and object do not touch
-INTERVENTION = 1e-3  # m/s; if the assistance changes a command by more than this, `is_intervention` is set
-_SPARE = 4  # places for readings beyond those in transit, as a step stores new readings before it delivers older ones
+INTERVENTION = 1e-3  # m/s; `is_intervention` is true if commanded and executed velocity differ by more than this
+_SPARE = 4  # additional places for readings, because a step stores new readings before it delivers older ones
 
 
 class Bodies(NamedTuple):
@@ -49,7 +49,7 @@ class Bodies(NamedTuple):
 
 
 class Batch:
-    """`size` independent environments, the rows of the arrays; results depend neither on `size` nor on `threads`."""
+    """`size` independent environments, one for each row of the arrays; `size` and `threads` do not change results."""
 
     def __init__(
         self, size: int, task: Task | Sequence[Task], threads: int | None = None, trace_points: int = 0,
@@ -140,7 +140,7 @@ class Batch:
             rows: indices of the rows.
             draws: uniform numbers in [0, 1) for each of `rows` (k, UNIFORMS); or the random generators of all rows of
                 the batch.
-            fixed: records (k,) of fixed numbers, see `task.episodes`; numbers that are nan are drawn; None: all.
+            fixed: records (k,) of fixed numbers, see `task.episodes`; numbers that are nan are drawn; None: draw all.
         """
         if isinstance(draws, list):
             generators, draws = draws, np.empty((len(rows), kernels.UNIFORMS))
@@ -175,7 +175,7 @@ class Batch:
         over_rows(partial(self._rows.step, values, skip), self.size, self.threads, ROWS_PER_THREAD)
 
     def set_operator_velocity(self, velocities: ArrayLike) -> None:
-        """Let the operators, each a `Person`, command `velocities` (m/s) from now on: a number or an array (size,)."""
+        """Let the operators, each a `Person`, command `velocities` (m/s), a number or (size,), in this episode."""
         for task in self.tasks:
             one_of("operator", task.operator, Person)
         lows, highs = zip(*(task.velocity_range for task in self.tasks), strict=True)
@@ -184,7 +184,7 @@ class Batch:
         self.links["person_command"] = velocities
 
     def get_state(self, **more: Any) -> dict[str, Any]:
-        """Return a copy of the state, and `more`, for `set_state`."""
+        """Return a copy of the state, with the entries `more`, for `set_state`."""
         state = {name: getattr(self, name).copy() for name in _STATE} | more
         return state | {"sha256": self._digest(state)}
 

@@ -20,10 +20,10 @@ Rewards = NDArray[np.float64]
 
 
 def vector_rewards(batch: Batch) -> Rewards:
-    """Return the rewards of the last control step (rows, n): -time (s), -V_p (m/s) and -force (N).
+    """Return the rewards of the last control step (rows, n): -time (s), -V_p or -`missed_cost` (m/s), and -force (N).
 
     See `MOImpactApproachEnv`. The force is an objective if any task has a `force_weight` above 0, and is 0 in rows with
-    a `force_weight` of 0. The scalar reward is -time_weight * time - V_p - force_weight * force.
+    a `force_weight` of 0. The scalar reward is the sum of these numbers times time_weight, 1 and force_weight.
     """
     forced = np.resize([task.force_weight > 0.0 for task in batch.tasks], batch.size)
     totals = []
@@ -41,13 +41,14 @@ def described(tasks: Sequence[Task]) -> tuple[Box, int, Rewards]:
 
 
 class MOImpactApproachEnv(ImpactApproachEnv):
-    """`ImpactApproach` with a vector reward; `info["original_reward"]` has the scalar one.
+    """`ImpactApproach` with a vector reward; `info["original_reward"]` has the scalar reward.
 
     ## Rewards
-    `reward_space` is `Box(-inf, 0, (reward_dim,), float64)`. In each step the first number is minus the charged time
-    (s). In the step that terminates an episode the second number is -V_p or -`missed_cost` (m/s), and with a
-    `force_weight` the third is -(largest contact force) (N). With an operator, time is charged until the task is done.
-    If V_p is below `missed_cost`, an episode's sums are at least `reference_point`: -horizon, -`missed_cost` and -inf.
+    `reward_space` is `Box(-inf, 0, (reward_dim,), float64)`. The first number of a step is minus the step's time (s)
+    before the first contact or, with an operator, minus the duration of the whole step (s). The other numbers are 0
+    before the step that terminates an episode. In this step the second number is -V_p (m/s), or -`missed_cost` if the
+    object was not touched. With a `force_weight` the third number is minus the largest contact force (N). If V_p is
+    below `missed_cost`, an episode's sums are at least `reference_point`: -horizon, -`missed_cost` and -inf.
 
     ## Version History
     * v0: first version

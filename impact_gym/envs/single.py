@@ -31,7 +31,7 @@ def observation_space(spec: ObservationSpec) -> Space[Any]:
 
 
 def steps_per_second(task: Task) -> int:
-    """Return the control steps per second of a film: 1 to 30, if possible so that the longest film lasts about 18 s."""
+    """Return how many control steps a film shows per second, 1 to 30; if possible, `horizon` then takes about 18 s."""
     return min(max(round(task.horizon / task.control_period / 18.0), 1), 30)
 
 
@@ -61,11 +61,11 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ## Observation Space
     `Box(..., (8,), float32)`. The last column of the table names the arguments that add or change a number. Each number
-    is scaled to [-1, 1] or [0, 1] by constants, and clipped. Position and velocity are values of the commanded motion.
-    The flange of a rigid robot follows this motion exactly, and the flange of a compliant `robot` deviates from it.
-    `sensors()` of the unwrapped environment returns the sensor values in SI units.
+    is mapped from a constant range (columns "from" and "to") to [-1, 1] or [0, 1], and clipped. Position and velocity
+    are values of the commanded motion. The flange of a rigid robot follows this motion exactly, and the flange of a
+    compliant `robot` deviates from it. `sensors()` of the unwrapped environment returns the sensor values in SI units.
 
-    `observation_spec` of the unwrapped environment describes the observation. Its list `ids` has an id for each number,
+    `observation_spec` of the unwrapped environment describes the observation. Its tuple `ids` has an id per number,
     such as "alarm". `index(id)` returns the index of the number in the observation. `decode(observation, id)` returns
     the number in SI units. The slice `observation_spec.actor` selects the numbers for a controller. The slice
     `observation_spec.critic` selects all numbers.
@@ -87,9 +87,9 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     With `range_sensor` the tool carries a proximity sensor, see `RangeSensor`. At every control step the sensor
     measures the gap to the object. A reading can have noise and a bias, be lost, or arrive late. The controller
-    observes the newest reading that has arrived, and its age. Before the first reading has arrived, `sensors()` returns
-    inf for reading and age, and the observation contains 1. The argument `range_noise` adds an estimate of the
-    distance, made once before the episode. With `range_sensor`, `range_noise` must be None.
+    observes the newest reading that has arrived, and its age. Before the first reading has arrived, reading and age are
+    inf in `sensors()`, and both are 1 in the observation. The argument `range_noise` adds an estimate of the distance,
+    made once before the episode. With `range_sensor`, `range_noise` must be None.
 
     ## Rewards
     Without an `operator`, each step gives `-time_weight * dt` until the first contact begins. Here dt is the duration
@@ -105,43 +105,42 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     SCENARIO_TABLE
 
-    The eleven numbers also determine four numbers, unless the arguments fix them: time weight (log-uniform), reaction
-    delay (uniform), error of the distance estimate (normal), and force error of the episode (normal). The last of the
-    eleven numbers is the seed of all other random numbers.
+    The eleven numbers also determine the time weight (log-uniform), the reaction delay (uniform), the error of the
+    distance estimate (normal), and the error of all force readings (normal). Arguments can fix these four numbers. The
+    last of the eleven numbers determines the seed of all other random numbers.
 
     Each number in the next table may be a pair (low, high). Every episode then draws the number between low and high:
 
     SET_UP_TABLE
 
-    Drawing one number of this second table does not change the other drawn numbers.
+    If you draw a number of this second table, the scenario and the other numbers of the table do not change.
 
     `reset(options=...)` applies to one episode:
 
     - `{"scenario": {...}}` fixes some or all of the scenario fields above.
-    - `{"record": {...}}` fixes some or all of the drawn numbers. To repeat an episode, give the final `info["record"]`
-      of this episode. The reaction delay must not exceed the environment's largest one. A number of the second table
-      must lie in the environment's range for this number.
+    - `{"record": {...}}` fixes some or all of the drawn numbers. To repeat an episode, give its final `info["record"]`
+      and the same actions. A reaction delay must not exceed the environment's largest reaction delay. A number of the
+      second table must lie in the environment's range for this number.
 
     ## Episode End
     An episode terminates 0.15 s (`after_alarm`) after the alarm. If the object was touched, the flange then brakes to
-    rest at the largest acceleration of an action. The simulation continues, for at most 10 s, until tool and object
-    are apart and cannot touch again. With `friction`, the simulation continues until V_p is final and the tool is
-    slower than 1 mm/s. Without friction, V_p is the velocity of the object at the end of the simulation. If contacts
-    are still possible after 10 s, as with an object of several tonnes, `info["status"]` begins with "not settled".
+    rest at the largest acceleration of an action, and the simulation continues for at most 10 s. Without `friction`,
+    the simulation ends when tool and object are apart and cannot touch again; V_p is the object's last velocity. With
+    `friction`, the simulation ends when V_p is final and the tool is slower than 1 mm/s. If contacts are still possible
+    after 10 s, as with an object of several tonnes, `info["status"]` begins with "not settled".
 
     Without an alarm an episode terminates at 1.2 s (`horizon`). An object that was touched too softly to raise the
     alarm counts as touched. If the object was not touched, the episode is `missed`. An episode also terminates if the
-    solver fails. Then the reward is the same as for a missed episode, and `info["status"]` gives the cause. An episode
-    is truncated only if `max_episode_steps` is given (by Gymnasium's wrapper `TimeLimit`, or by a batch itself).
+    solver fails. Then the reward is the same as for a missed episode, and `info["status"]` gives the cause. Episodes
+    are truncated only after `max_episode_steps`: by Gymnasium's wrapper `TimeLimit`, or in a batch by the batch itself.
 
     The final `info` has `object_velocity` (m/s), `approach_time` (s), `peak_force` (N), `contact_count`, `missed`,
     `time_weight`, `reward_terms`, `scenario`, `record` and `status`. `reward_terms` has the terms time, velocity, force
     and missed; their sum is the return. `record` has all drawn numbers. With `friction` the final `info` also has
     `slide` and `rest_time`. `slide` (m) is the distance from the object's first position to its last position.
     `rest_time` (s) is the time from which the object rests and the tool is slower than 1 mm/s; inf: this time was not
-    reached. The simulation checks the tool once per ms, and only after the flange's brake. So `rest_time` is at least
-    the time of the first check. During an episode and after a truncation, `env.unwrapped.episode_info()` returns the
-    present values.
+    reached. The tool is checked once per ms after the flange has stopped, so `rest_time` is never before this stop.
+    During an episode and after a truncation, `env.unwrapped.episode_info()` returns the present values of the entries.
 
     ## Arguments
     To draw a number of a coupling or robot from a range, give a dict:
@@ -160,7 +159,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     - "human" and "rgb_array_list" show the episode in slow motion, with many pictures per step. Each picture states the
       factor of the slow motion. `impact_gym.render.film.SlowMotionVideo` writes a film of 6 to 10 s.
     - "rgb_array" gives one picture at the end of each step. From these pictures Gymnasium's `RecordVideo` makes a film
-      in slow motion with a constant factor (`render_fps` in the metadata). In a batch of at most 16 environments,
+      with a constant slow-motion factor, set by `render_fps` in the metadata. In a batch of at most 16 environments,
       `render` returns a picture of each environment. Gymnasium's `RecordVideo` for vector environments shows these
       pictures side by side.
 
@@ -168,8 +167,8 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     * v0: first version; it may still change until version 0.1.0 of the package is released
 
     As in Gymnasium, an id gets a higher version number if new results cannot be compared with old results: if a default
-    changes, or if the same seed and actions give other observations, rewards or ends (by more than `rtol` allows). All
-    ids then get the new version number. An old id raises an error that names the new id.
+    changes, or if the same seed and actions give other observations, rewards or ends. Differences that `rtol` allows do
+    not count. All ids then get the new version number. An old id raises an error that names the new id.
     """
 
     metadata = {  # noqa: RUF012  # as in gymnasium.Env
@@ -185,7 +184,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._renderer: Renderer | None = None
         points = TRACE_POINTS if record_trace or render_mode is not None else 0
         if "max_episode_steps" in arguments:
-            raise WrongTypeError("max_episode_steps is an argument of gymnasium.make, whose TimeLimit applies it")
+            raise WrongTypeError("max_episode_steps must be given to gymnasium.make, which adds a TimeLimit")
         self.task = Task.of("environment", arguments, "render_mode", "record_trace")
         self._batch = Batch(1, self.task, threads=1, trace_points=points)
         if render_mode == "rgb_array":
@@ -208,7 +207,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self._batch.episode_state(0)
 
     def command(self, velocity: float) -> None:
-        """Let the operator, a `Person`, command `velocity` (m/s) from the next step on."""
+        """Let the operator, a `Person`, command `velocity` (m/s) from the next step to the end of the episode."""
         self._batch.set_operator_velocity(velocity)
 
     def sensors(self) -> dict[str, float]:
@@ -225,7 +224,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """Return the time histories of the episode so far, and of the simulation that follows its last step.
 
         Raises:
-            RuntimeError: `record_trace` and `render_mode` were not given, or the episode has too many points.
+            RuntimeError: neither `record_trace` nor `render_mode` was given, or the episode has too many points.
         """
         points, kept = int(self._batch.chains["traced"][0]), self._batch.traces.shape[1]
         if kept == 0:
@@ -264,8 +263,8 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def render(self) -> Any:
         """Return a picture (540, 960, 3), or a list of the pictures since the last call; see Rendering.
 
-        In mode "human", `render`, `reset` and `step` show the pictures in a window. Then, and without a `render_mode`,
-        `render` returns None.
+        In mode "human", `render`, `reset` and `step` show the pictures in a window. In this mode, and without a
+        `render_mode`, `render` returns None.
 
         Raises:
             DependencyNotInstalled: pygame is missing.

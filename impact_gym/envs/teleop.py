@@ -15,9 +15,9 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     touch, the assistance can stop and withdraw the tool. The assistance does not know where the object is.
 
     ## Operators and Channels
-    `operator` is an object of a class in `ig.operators`: `Replay`, `Person`, or one of the models `Trapezoid`, `Reach`,
-    `SecondOrderLag`, `Tracker`. Or `operator` is a dict with the name of the class as "type". The docstrings of the
-    models name their sources. A model with a `place_error` assumes a distance that is this much too large.
+    `operator` is an object of a class in `impact_gym.operators`: `Replay`, `Person`, or one of the models `Trapezoid`,
+    `Reach`, `SecondOrderLag`, `Tracker`. Or `operator` is a dict with the name of the class as "type". The docstrings
+    of the models name their sources. A model with a `place_error` assumes a distance that is too large by this error.
     `uplink` (for commands) and `downlink` (for the operator's view) are `Channel` objects. Once per control period, at
     a tick of the operator's clock, one packet is sent over each channel. Each packet has its own delay, and the
     receiver uses the newest packet that has arrived. Two packets are sent between ticks: the operator's stop, and the
@@ -42,8 +42,8 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     stops at the largest deceleration, 20 m/s^2. If an action is not finite, `step` raises an error, and nothing moves.
 
     ## Observation Space
-    The observation contains the numbers of `ImpactApproach`, four numbers about the operator's commands, and the last
-    velocity commanded to the flange (the rows with 'only with `operator`').
+    The observation contains the numbers of `ImpactApproach` and, in the rows with 'only with `operator`', four numbers
+    about the operator's commands and the last velocity commanded to the flange.
 
     OBSERVATION_TABLE
 
@@ -63,8 +63,7 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     operator's command has been 0 for 0.3 s. (2) The object has been touched and rests, the commanded velocity of the
     flange is at most 0.01 m/s, and the tool is within 5 mm of the object. (3) The operator has commanded a motion, and
     then commands 0 for 0.3 s without a touch. (4) The episode has lasted 8 s (`horizon`). If the object was touched,
-    the flange brakes after the last step, and the simulation continues until V_p is final and the tool is slower than 1
-    mm/s, for at most 10 s.
+    the simulation continues after the last step as in `ImpactApproach` with `friction`.
 
     The `info` of each step has `command` (m/s, the newest command that has arrived by the end of the step) and
     `command_age` (s). Three other entries describe the last command that the flange executed in the step.

@@ -25,17 +25,17 @@ Flags = NDArray[np.bool_]
 
 
 class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
-    """`num_envs` environments like `ImpactApproachEnv`; a reset with seed s gives slot i the seed s + i.
+    """`num_envs` environments (slots) like `ImpactApproachEnv`; a reset with seed s gives slot i the seed s + i.
 
     Arguments in addition to those of `ImpactApproachEnv`:
 
     - `autoreset_mode`: with NEXT_STEP, the default, the step after the last step of an episode ignores the action,
       starts the next episode and has the reward 0. With SAME_STEP the last step itself starts the next episode; the
       last observation and info are in `infos["final_obs"]` and `infos["final_info"]`. With DISABLED the user resets
-      slots by `options={"reset_mask": ...}`.
+      slots by `reset(options={"reset_mask": ...})`.
     - `render_mode`: None or, for at most 16 environments, "rgb_array".
     - `threads`: number of threads, which changes no result.
-    - `per_slot`: for each slot a mapping of arguments that replace common ones. All slots need the same observation.
+    - `per_slot`: for each slot a mapping of arguments that differ in this slot. All slots need the same observation.
     - `max_episode_steps`: number of control steps after which an episode is truncated.
 
     `set_scenario`, `sensors` and `command` are `set_scenario`, `sensors` and `set_operator_velocity` of `Batch`.
@@ -63,7 +63,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         self.metadata = ImpactApproachEnv.metadata | own
         one_of("per_slot", per_slot, Sequence, type(None))
         if per_slot is not None and len(per_slot) != self.num_envs:
-            raise ValueError(f"per_slot must be a mapping for each of {self.num_envs} slots, got {len(per_slot)}")
+            raise ValueError(f"per_slot must have {self.num_envs} mappings, one for each slot, got {len(per_slot)}")
         others = ("num_envs", "render_mode", "autoreset_mode", "threads", "per_slot")
         tasks = [] if per_slot else [Task.of("environment", arguments, *others)]
         for slot, changes in enumerate(per_slot or ()):
@@ -113,7 +113,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         batch = self.batch
         skip = self._ended
         if self.autoreset_mode is not AutoresetMode.NEXT_STEP and skip.any():
-            raise ResetNeeded("some episodes have ended: reset them with options={'reset_mask': ...}")
+            raise ResetNeeded("some episodes have ended: call reset with options={'reset_mask': ...}")
         batch.step(actions, skip)
         if skip.any():
             batch.begin(np.flatnonzero(skip), self._generators)
@@ -175,7 +175,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         self._begun = self.batch.episodes["drawn"]["object_mass"] != 0.0
 
     def _seed(self, seed: Any, mask: Flags) -> None:
-        """Seed slot i of `mask` with `seed` + i, or with entry i of a list; None keeps the slot's generator."""
+        """Seed slot i of `mask` with `seed` + i, or with entry i of a list; None keeps an existing generator."""
         if seed is None and self._generators:
             return
         seeds: Sequence[Any] = [None] * self.num_envs
@@ -185,7 +185,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
             first = whole("seed", seed, at_least=0)
             seeds = range(first, first + self.num_envs)
         if len(seeds) != self.num_envs:
-            raise ValueError(f"seed must be a whole number or {self.num_envs} of them, got {len(seeds)}")
+            raise ValueError(f"seed must be one whole number or {self.num_envs} whole numbers, got {len(seeds)}")
         if not self._generators:
             self._generators = [seeding.np_random(each)[0] for each in seeds]
         for slot in np.flatnonzero(mask).tolist():

@@ -35,7 +35,7 @@ def identify(
 
     The fit minimizes the sum of ((simulated - measured) / noise)^2. Each log has its own unknown start, the time at
     which the motion begins. Intervals are from profile likelihoods: one number is moved away from its estimate, and all
-    other numbers are fitted again, until the sum is significantly larger.
+    other numbers are fitted again. The interval ends where the sum has become significantly larger.
 
     Args:
         log: a mapping of columns, the path of a CSV file, or a list of mappings or paths. Columns are `time` (s) and
@@ -48,8 +48,8 @@ def identify(
             filter, no bias, and the noise is estimated.
 
     Raises:
-        TypeError, ValueError: an argument or a log is invalid; a log has more blows than its fit; no log depends on a
-            free number.
+        TypeError, ValueError: an argument or a log is invalid; a log has more blows than its fit; a free number does
+            not affect any log.
     """
     one_of("scene", scene, Scene)
     sources = list(log) if isinstance(log, (list, tuple)) else [log]

@@ -64,7 +64,7 @@ With --out setup.toml, the measured and predicted values are also written to set
 """
 
 PLACES = {row.path: f"scenario.{row.id}" for row in SCENARIO} | {row.path: row.id for row in SET_UP if row.path}
-"""Path in `[environment]` of each dotted path in a scene; paths in coupling and robot do not change."""
+"""For each dotted path in a scene, the path in `[environment]`; in coupling and robot the two paths are equal."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -112,7 +112,7 @@ def parse(
             raise ValueError(f"the scene's file must have a table [{name}], got {shown(content.get(name))}")
     for name in free:
         if name not in PLACES and not name.startswith(("coupling.", "robot.")):
-            raise ValueError(f"free: {name} has no place in a set-up; use {', '.join(PLACES)}, coupling.*, robot.*")
+            raise ValueError(f"free: {name} is not a number of a set-up; use {', '.join(PLACES)}, coupling.*, robot.*")
     task = Task.of("environment", content["environment"])
     paths = {place.removeprefix("scenario."): path for path, place in PLACES.items()}
     for name, (low, high) in task.ranges.items():
@@ -136,14 +136,14 @@ def parse(
 
 
 def _record(name: str, table: Any, kind: type[Any], **inner: type[Any]) -> Any:
-    """Return an object of the class `kind` with the fields in a table; `inner`: classes of fields that are tables."""
+    """Return an object of the class `kind` with the fields in a table; `inner`: classes for fields that are tables."""
     one_of(name, table, Mapping)
     parts = {key: _record(f"{name}.{key}", table[key], inner[key]) for key in inner if key in table}
     return record_from(name, {"type": kind.__name__, **table, **parts}, (kind,))
 
 
 def set_up(content: Mapping[str, Any], result: Identified, said: str) -> Iterator[str]:
-    """Yield the lines of the set-up: `said` as comments, then the file's tables, with ranges from bounded intervals."""
+    """Yield the lines of the set-up: `said` as comments, then the file's tables, with bounded intervals as ranges."""
     import tomli_w  # only installed with the extra `identify`
 
     yield from (f"# {line}" for line in said.splitlines())

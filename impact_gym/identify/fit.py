@@ -16,16 +16,16 @@ from impact_gym.identify.search import ROUGH, Point, as_good, descend, distinct,
 from impact_gym.identify.sensor import Array, bursts, level
 
 STARTS = 8  # largest number of points of `scatter` from which a search starts
-NOISE_ROUNDS = 3  # of `Fit.polished`: largest number of rounds; each round fits, and then estimates the noise
+NOISE_ROUNDS = 3  # largest number of rounds of `Fit.polished`; each round fits, and then estimates the noise
 CONFIDENCE = 0.95
-END_TOLERANCE = 0.02  # tolerance of sqrt(misfit - least misfit) / quantile, which is 1 at an end of an interval
-MAX_STEP = 1.5  # of a coordinate (see `model`): largest first step of `profile`; a wider interval causes another search
+END_TOLERANCE = 0.02  # at an end of an interval, sqrt(misfit - least misfit) / quantile is 1 within this tolerance
+MAX_STEP = 1.5  # largest first step of `profile` in a coordinate (see `model`); wider intervals cause another search
 MAX_STEPS = 10  # largest number of steps of `profile`
 BEYOND = (1.6, 2.5)  # `_end` also tries values beyond an end, at these multiples of its distance from the best value
 MAX_DEVIATION = 1e3  # largest value of `Fit.deviations`
 MIN_IMPROVEMENT = 0.05  # a point replaces the best fit if the misfit falls by more than this; the limit then doubles
-# A fit lacks a blow of a log if the sum of the residuals in the blow exceeds both: this many standard deviations of the
-# sum, and this fraction of the sum of the force in the blow
+# A fit lacks a blow of a log if the sum of the residuals (measured - fitted) in the blow exceeds two limits: this
+# number of standard deviations of the sum, and this fraction of the sum of the measured force in the blow
 MIN_LEFTOVER = 6.0, 0.5
 
 Ends = tuple[float | None, ...]
@@ -39,7 +39,7 @@ class Fit:
     x: Array
     misfit: float
     covariance: Array
-    valley: Array  # covariance if each free coordinate has a normal prior about x, of the standard deviation MAX_STEP
+    valley: Array  # covariance if each free coordinate has a normal prior about x with the standard deviation MAX_STEP
     others: Sequence[Point]
     improvement: float = MIN_IMPROVEMENT
 
@@ -78,7 +78,7 @@ class Fit:
 
 
 def fit_with_intervals(model: Model) -> tuple[Fit, list[Ends]]:
-    """Return the best fit and its intervals; search a second time if the fit lacks a blow or an interval is vague."""
+    """Return the best fit and its intervals; search again if the fit lacks a blow or an interval exceeds MAX_STEP."""
     fit = Fit.polished(model, as_good(model, _minima(model, 0)))
     if searched_again := bool(_extra_blows(fit) or _is_vague(fit)):
         fit = fit.again()
@@ -107,7 +107,7 @@ def _minima(model: Model, after: int) -> list[Point]:
 
 
 def _extra_blows(fit: Fit) -> str:
-    """Return an error message if the force in a log has several blows and more than the fit, else an empty text."""
+    """Return an error message if the force in a log has several blows and the fit lacks some; else an empty text."""
     model = fit.model
     for k, log in enumerate(model.logs):
         if "force" not in log.columns:
@@ -129,7 +129,7 @@ def _extra_blows(fit: Fit) -> str:
 
 
 def _estimate_noise(model: Model, x: Array) -> bool:
-    """Estimate the unknown noise of each column from its residuals at x; return whether one changed by over 0.1 %."""
+    """Estimate the unknown noise of each column from its residuals at x; return whether any changed by over 0.1 %."""
     left = model.residuals(x) * model.scales()
     share = 1.0 - model.size / model.samples
     changed = False
@@ -170,7 +170,7 @@ def intervals(fit: Fit) -> tuple[Fit, list[Ends]]:
 
 
 def _end(fit: Fit, i: int, side: int) -> float | None:
-    """Return the outermost end of the interval of x[i] on one `side` (-1, 1), from all good minima; None: no limit."""
+    """Return the end of x[i]'s interval on one `side` (-1, 1), the outermost from all good minima; None: unlimited."""
     limit = fit.quantile**2
     end = profile(fit, i, side, Point(fit.misfit, fit.x))
     for point in fit.others:
@@ -188,7 +188,7 @@ def _end(fit: Fit, i: int, side: int) -> float | None:
 
 
 def _is_vague(fit: Fit) -> bool:
-    """Return whether an interval may exceed MAX_STEP: its width by the curvature plus the spread of good minima."""
+    """Return whether the width of an interval, from the curvature and the spread of good minima, exceeds MAX_STEP."""
     good = [fit.x, *(point.x for point in fit.others if point.misfit - fit.misfit < fit.quantile**2)]
     spread = np.ptp(good, axis=0)
     widths = 2.0 * fit.quantile * fit.deviations + spread
@@ -196,7 +196,7 @@ def _is_vague(fit: Fit) -> bool:
 
 
 def _refit(fit: Fit, i: int, u: float, near: Point) -> Point:
-    """Return a fit with x[i] = `u`, started near `near`; raise _BetterError if it clearly beats the best fit."""
+    """Return a fit with x[i] = `u`, started near `near`; raise _BetterError if it is clearly the best fit so far."""
     points = []
     # first start at `near` moved along `valley`; if this fit is not good, start at `near` with only x[i] changed
     for along in (fit.valley[:, i] / fit.valley[i, i], np.zeros_like(near.x)):
@@ -211,7 +211,7 @@ def _refit(fit: Fit, i: int, u: float, near: Point) -> Point:
 
 
 def profile(fit: Fit, i: int, side: int, begin: Point) -> float | None:
-    """Return x[i] on one `side` (-1, 1) where the misfit is about quantile^2 above the best; None: not in reach."""
+    """Return x[i] on one `side` (-1, 1) where the misfit is about quantile^2 above the best; None: beyond `reach`."""
     first, last = float(begin.x[i]), fit.model.free[i].reach[side > 0]
     inner, outer = (first, math.sqrt(max(begin.misfit - fit.misfit, 0.0) / fit.quantile**2), begin), None
     u = first + side * min((1.0 - inner[1]) * fit.quantile * fit.deviations[i], MAX_STEP)

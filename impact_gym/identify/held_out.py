@@ -29,7 +29,7 @@ class Prediction(NamedTuple):
     quantity: str
     measured: float
     predicted: float
-    equal: float  # median of the measured values of those fitted blows that have the same motion; nan: there are none
+    equal: float  # median of the measured values of fitted blows with the same motion; nan: no such blow
 
 
 @dataclass(frozen=True)

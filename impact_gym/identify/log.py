@@ -34,9 +34,9 @@ MAX_FORCE = 1e5  # N, largest absolute force in a log
 MAX_ACCELERATION = 1e6  # m/s^2, largest absolute acceleration in a log
 MAX_SPEED_RATIO = 10.0  # largest ratio of an absolute velocity in a log to the speed of the imposed motion
 MAX_STEP = 0.05  # s, largest median time between successive samples
-MAX_GAP = 1.5  # a step longer than this many median steps lacks samples, unless the steps beside it are as much shorter
+MAX_GAP = 1.5  # if a step exceeds this many median steps, samples were lost or one sample was late, see `Log.lost`
 MAX_LOST = 3  # largest number of successive lost samples
-MIN_SWING = 10.0  # least difference of a column's extremes that shows a blow, in standard deviations of its noise
+MIN_SWING = 10.0  # a blow has at least this difference of a column's extremes, in standard deviations of its noise
 LEAST_IMPULSE = 0.03  # least ratio of measured impulse to the impulse of a plastic impact, see `_refuse_other_force`
 FLAT_SAMPLES = 3  # a saturated column stays at its largest or least value for at least this number of samples
 
@@ -56,7 +56,7 @@ class Log:
         steps = np.diff(self.time)
         usual = float(np.median(steps))
         padded = np.concatenate([[usual], steps, [usual]])
-        three = padded[:-2] + steps + padded[2:]  # this sum does not change if a sample inside three steps is late
+        three = padded[:-2] + steps + padded[2:]  # a late sample between two of these steps does not change their sum
         return np.where(steps > MAX_GAP * usual, np.maximum(np.rint(three / usual) - 3, 0), 0).astype(np.int64)
 
     @property
@@ -89,7 +89,7 @@ def read(source: Any, name: str) -> Log:
     usual = float(np.median(steps))
     if np.any(steps <= 0.0):
         k = int(np.argmax(steps <= 0.0))
-        raise ValueError(f"{name}, time must increase, but sample {k + 1} is at {time[k + 1]:g} s after {time[k]:g} s")
+        raise ValueError(f"{name}, time must increase, got {time[k]:g} s and then {time[k + 1]:g} s at sample {k + 1}")
     if usual > MAX_STEP:
         raise ValueError(f"{name}, time must have steps of at most {MAX_STEP:g} s, got {usual:g} s: is it in ms?")
     log = Log(name, time, columns)
@@ -106,7 +106,7 @@ def read(source: Any, name: str) -> Log:
 
 
 def check(log: Log, scene: Scene, motion: Trapezoid, sensors: Mapping[str, Sensor]) -> None:
-    """Raise ValueError if a log cannot be a blow of `scene`, whose free masses are the least searched ones."""
+    """Raise ValueError if a log cannot be a blow of `scene`, in which each free mass has its least searched value."""
     for name, values in log.columns.items():
         what = f"{log.name}, {name}"
         limits = {"N": (MAX_FORCE, "mN"), "m/s": (MAX_SPEED_RATIO * motion.speed, "mm/s")}
@@ -115,7 +115,7 @@ def check(log: Log, scene: Scene, motion: Trapezoid, sensors: Mapping[str, Senso
         if largest > limit:
             raise ValueError(f"{what} must be at most {limit:g} {unit}, got {largest:g} {unit}: is it in {other}?")
         if largest == 0.0:
-            raise ValueError(f"{what} must not be 0 {unit} in all {len(values)} samples: leave it out")
+            raise ValueError(f"{what} must not be 0 {unit} in all {len(values)} samples: leave the column out")
         if rate is not None and not 0.99 < rate * log.step < 1.01:
             raise ValueError(f"{what} has {1 / log.step:g} samples per s, but Sensor.rate of {name} is {rate:g} Hz")
         _refuse_clipped(log, name)
@@ -127,13 +127,13 @@ def check(log: Log, scene: Scene, motion: Trapezoid, sensors: Mapping[str, Senso
 
 
 def tool_mass(scene: Scene) -> float:
-    """Return the mass (kg) of the tool and all bodies fixed to it; inf: fixed to a rigid robot or a `RobotTable`."""
+    """Return the mass (kg) of the tool and all bodies fixed to it; inf if one is a rigid robot or a `RobotTable`."""
     behind = scene.robot.mass if isinstance(scene.robot, Robot) else math.inf
     return scene.tool.mass + (behind if isinstance(scene.coupling, Rigid) else 0.0)
 
 
 def _refuse_other_force(log: Log, scene: Scene, motion: Trapezoid, sensor: Sensor) -> None:
-    """Raise ValueError if the largest pull exceeds the largest push (known bias only), or the impulse is too small."""
+    """Raise ValueError if the impulse is too small or, with a known bias, the largest pull exceeds the largest push."""
     force = log.columns["force"] - level(log.columns["force"], sensor)
     most, least = float(force.max()), float(force.min())
     if sensor.bias != "estimated" and -least > most:
@@ -151,7 +151,7 @@ def _refuse_other_force(log: Log, scene: Scene, motion: Trapezoid, sensor: Senso
 
 
 def _refuse_clipped(log: Log, name: str) -> None:
-    """Raise ValueError if a column is saturated: it stays at an extreme value, and clearly differs before and after."""
+    """Raise ValueError if a column stays at an extreme value other than 0, and clearly differs before and after."""
     values = log.columns[name]
     resolution = np.diff(np.unique(values))
     for end, side in ((values.max(), 1.0), (values.min(), -1.0)):

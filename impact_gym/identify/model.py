@@ -30,7 +30,7 @@ LARGEST_LOGIT = 14.0  # largest |ln(e/(1-e))| of the restitution e, which keeps 
 RTOL = 1e-8
 STEP = 2e-3  # step of a coordinate for finite differences; the relative error of these derivatives is about 0.1 %
 Column = tuple[int, str]  # index of a log, and name of one of its columns
-IMPOSSIBLE = 1e3  # ratio of predicted samples to the range of the log's column, if the scene cannot be simulated
+IMPOSSIBLE = 1e3  # if the scene cannot be simulated, predicted samples are this many times the range of their column
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Coordinate:
         return 1.0 / (1.0 + math.exp(-u)) if self.name == RESTITUTION else self.sign * math.exp(u)
 
     def end(self, u: float | None, side: int) -> float:
-        """Return the number at the end `u` of an interval on one `side` (-1, 1); for None, the number's own limit."""
+        """Return the number at the end `u` of an interval on one `side` (-1, 1); None: 0, infinity or restitution 1."""
         if u is not None:
             return self.number(u)
         return float(side > 0) if self.name == RESTITUTION else self.sign * (math.inf if side > 0 else 0.0)
@@ -105,7 +105,7 @@ def tool_acceleration(scene: Scene, trace: Trace) -> Array:
 class Model:
     """Predicted samples and residuals of all logs.
 
-    `noise`: standard deviation of each column's noise, the same in all logs: the sensor's, or else an estimate.
+    `noise`: the standard deviation of each column's noise in all logs, given by the sensor or estimated.
     """
 
     def __init__(
@@ -114,7 +114,7 @@ class Model:
     ) -> None:  # fmt: skip
         self.logs, self.scene, self.motions, self.sensors, self.free = logs, scene, motions, sensors, free
         self.simulations, self.samples, self.size = 0, 0, len(free) + len(logs)
-        self.slots, self.bias_places = dict[Column, slice](), dict[Column, int]()  # slices of samples; indices into x
+        self.slots, self.bias_places = dict[Column, slice](), dict[Column, int]()  # sample slices; bias indices in x
         for k, log in enumerate(logs):
             for name in log.columns:
                 self.slots[k, name] = slice(self.samples, self.samples + len(log.time))
@@ -131,7 +131,7 @@ class Model:
         self._cache: tuple[bytes, tuple[Array, Array]] = (b"", (np.empty(0), np.empty(0)))
 
     def of_first_blow(self) -> "Model":
-        """Return the model with each log cut between the first two blows of its force; a log without two is not cut."""
+        """Return the model with each log cut between the first two blows of its force, if it has two or more."""
         logs = []
         for log in self.logs:
             blows = bursts(log.columns["force"], self.sensors["force"]) if "force" in log.columns else []
@@ -163,7 +163,7 @@ class Model:
         return arrival + float(log.time[-1] - log.time[0])
 
     def sensed(self, scene: Scene, trace: Trace, name: str, at: Array) -> tuple[Array, Array]:
-        """Return a column's readings (n,) without bias at `at` (n,), s since the motion's start, and their slopes."""
+        """Return a column's readings (n,), without bias, and their slopes at times `at` (n,), s since motion start."""
         sensor = self.sensors[name]
         if name == "tool_acceleration":
             values = tool_acceleration(scene, trace)
@@ -222,7 +222,7 @@ class Model:
         columns = np.zeros((self.samples, self.size))
         for i, coordinate in enumerate(self.free):
             if i != skip:
-                step = -STEP if x[i] + STEP > coordinate.reach[1] else STEP  # because `number` clips to `reach`
+                step = -STEP if x[i] + STEP > coordinate.reach[1] else STEP  # beyond `reach`, `number` is constant
                 there = x.copy()
                 there[i] += step
                 columns[:, i] = (self._predict(there)[0] - here) / step

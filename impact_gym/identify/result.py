@@ -33,8 +33,8 @@ class Identified:
     """The result of `identify`: estimates of the free numbers in SI units, intervals, and misfits."""
 
     estimate: Mapping[str, float]  # keys are dotted names, such as "object.mass"
-    interval: Mapping[str, Interval]  # at 95 % if `warnings` is empty; ends at 0, inf and restitution 1 mean: no limit
-    correlation: Array  # (k, k) for k free numbers, in the order of `estimate`: of their coordinates (see `model`)
+    interval: Mapping[str, Interval]  # at 95 % if `warnings` is empty; ends 0, +-inf and restitution 1 mean: no limit
+    correlation: Array  # (k, k), of the coordinates (see `model`) of the k free numbers, in the order of `estimate`
     scene: Scene  # the given scene with the estimates
     indistinguishable: tuple[str, ...]  # sentences on what the logs do not determine
     warnings: tuple[str, ...]  # sentences on how the model does not fit the logs; each was also given as a UserWarning
@@ -46,7 +46,7 @@ class Identified:
 
     @classmethod
     def of(cls, fit: Fit, ends: Sequence[Ends]) -> "Identified":
-        """Return the result of a fit whose intervals have these ends; each misfit is also a UserWarning."""
+        """Return the result of a fit and its intervals' ends; also give each sentence of `misfits` as a UserWarning."""
         model, free = fit.model, fit.model.free
         covariance = fit.covariance[: len(free), : len(free)]
         deviations = np.sqrt(np.diag(covariance))
@@ -109,9 +109,10 @@ class Identified:
 def misfits(fit: Fit) -> Iterator[str]:
     """Yield a sentence for each test that the residuals fail.
 
-    The tests: mean before the touch if the bias is known (normal distribution); variance after / before the touch
-    (Fisher's F); variance / known variance (chi-squared); whiteness (Ljung and Box, Biometrika 65, 1978). Not tested:
-    `flange_velocity`, and columns with noise below the sensor's resolution. `tool_velocity`: only the last two tests.
+    Tested: 1. If the bias is known, the mean before the touch is 0 (normal distribution). 2. The variance before the
+    touch equals the variance after it (Fisher's F). 3. The variance equals a known variance (chi-squared). 4. The
+    residuals are white noise (Ljung and Box, Biometrika 65, 1978). `tool_velocity` has only tests 3 and 4. Not tested:
+    `flange_velocity`, and columns whose noise is below the sensor's resolution.
     """
     model = fit.model
     scene, left = model.scene_at(fit.x), -fit.model.residuals(fit.x)
