@@ -71,7 +71,7 @@ def stages(copy: Path, options: ControllerOptions) -> dict[str, tuple[Callable[[
     out, setup, copies = options.out, load_setup(copy), (str(copy),)
     where: dict[str, Any] = {"processes": options.processes, "cluster": options.cluster}
     tuning = tune.Tune(copies, bound=setup.bound == copy.stem, out=out / "tuned", jobs=out / "searches", **where)
-    training = train.default_options(copies[0])
+    training = train.TrainOptions(copies[0], setup.training)
     training = replace(training, seeds=setup.seeds, out=out / "runs", policies=out / "policies", **where)
     page = report.ReportOptions(
         copies, folder=out, out=out / "report", cluster=options.cluster, time_weight=options.time_weight
@@ -109,7 +109,7 @@ def run(options: ControllerOptions) -> None:
         number("time_weight", options.time_weight, "m/s per s", at_least=low, at_most=high)
     copy = copy_setup(setup, options.out, options.quick)
     for name, (work, stage) in stages(copy, options).items():
-        usual = train.default_options(str(copy)) if name == "train" else None
+        usual = train.TrainOptions(str(copy), load_setup(copy).training) if name == "train" else None
         print(f"$ {command_of(name, stage, usual)}", flush=True)
         work(stage)
     last = exporting(copy, options)

@@ -56,16 +56,12 @@ class TrainOptions:
 
 def read_options(arguments: Sequence[str]) -> TrainOptions:
     """Return the options on a command line; the set-up determines the defaults of the settings."""
-    default = default_options(read_command("train", TrainOptions, arguments).setup)
+    setup = read_command("train", TrainOptions, arguments).setup
+    default = TrainOptions(setup, load_setup(setup).training)
     options = read_command("train", TrainOptions, arguments, default)
     if options.resume and options != replace(default, resume=options.resume):
         raise ValueError("--resume takes all settings from the run: give no other option")
     return options
-
-
-def default_options(setup: str) -> TrainOptions:
-    """Return the options of the command line `impact-gym train SETUP`."""
-    return TrainOptions(setup, load_setup(setup).training)
 
 
 def run(options: TrainOptions) -> Path:
