@@ -39,7 +39,7 @@ class Build(build_py):
     """Copies modules into a wheel."""
 
     def build_module(self, module: str, module_file: str, package: Any) -> Any:
-        """Copy a module. For a wheel, a module of BELOW gets the new names in imports and at the start of strings."""
+        """Copy a module. In a wheel, modules of BELOW get `impact_gym.` before these names in imports and strings."""
         out, copied = super().build_module(module, module_file, package)
         if not self.editable_mode and any(f".{name}." in f"{package}." for name in BELOW):
             text = Path(out).read_text()

@@ -10,7 +10,7 @@ _pools: dict[int, ThreadPoolExecutor] = {}
 
 
 def over_rows(run: Callable[[int, int], object], rows: int, threads: int, smallest: int) -> None:
-    """Call `run(first, last)` for parts of `rows` rows: one part, or up to `threads` of at least `smallest` rows."""
+    """Call `run(first, last)` once for all `rows` rows, or for up to `threads` parts of `smallest` or more rows."""
     pieces = max(1, min(threads, rows // smallest))
     (first, last), *others = pairwise(rows * piece // pieces for piece in range(pieces + 1))
     if others and os.getpid() not in _pools:  # a forked child makes its own pool

@@ -40,7 +40,7 @@ def nearest(kind: str, name: str, known: Iterable[str]) -> str:
 
 
 def unit_text(unit: str, preposition: str = "") -> str:
-    """Return a unit as text for a message; `preposition` comes before a unit without brackets."""
+    """Return a unit as text for a message, after `preposition`; without a unit ("-") only "(no unit)"."""
     text = "(no unit)" if unit == "-" else unit
     return text if text.startswith("(") else f"{preposition}{text}"
 
@@ -143,14 +143,14 @@ def choice(field: str, value: Any, allowed: Container[str | None]) -> None:
 def array(
     field: str, values: Any, shape: tuple[int, ...] | None = None, kinds: str = "fiu", what: str = "numbers"
 ) -> NDArray[Any]:
-    """Return `values` as an array; raise TypeError unless the dtype is of `kinds`, ValueError if not in `shape`.
+    """Return `values` as an array; raise TypeError if the dtype's kind is not in `kinds`, ValueError for another shape.
 
-    Messages describe `kinds` by `what`. Numbers need not be finite.
+    `what` describes `kinds` in messages. Numbers need not be finite.
     """
     try:
         result = np.asarray(values)
     except (TypeError, ValueError):  # such as rows of different lengths
-        raise WrongTypeError(f"{field} must hold {what} in one shape, got {shown(values)}") from None
+        raise WrongTypeError(f"{field} must hold {what} in rows of equal length, got {shown(values)}") from None
     if result.dtype.kind not in kinds:
         raise WrongTypeError(f"{field} must hold {what}, got dtype {result.dtype}: {shown(values)}")
     if shape is not None and result.shape != shape:

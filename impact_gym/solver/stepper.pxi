@@ -1,10 +1,10 @@
 """One step of the integrator: by a Taylor series, by the explicit pair DOP853, or by the L-stable pair Rodas5P.
 
-In an analytic piece (see `Piece`) a step uses a Taylor series (`series.pxi`), otherwise the explicit pair. Stiffness is
-detected from h lambda, with the step h and the largest eigenvalue lambda. The explicit pair has, as in Hairer's code,
-two last stages at the same time; their rates differ by about lambda times the difference of their states. Near the
-limit of stability, h lambda about 6, the error estimate keeps h short. After repeated attempts near this limit the L-stable
-pair is used. Every TRY stiff steps the series or the explicit pair is tried again, and kept if it succeeds.
+A step uses a Taylor series (`series.pxi`) if the piece is analytic (see `Piece`) and the series is not too steep,
+otherwise the explicit pair. As in Hairer's code, the last two stages of this pair are at the end of the step, so the
+largest eigenvalue lambda is about (difference of their rates) / (difference of their states). Near the limit of
+stability, h lambda about 6, the error estimate keeps the step h short. After repeated attempts near this limit the
+L-stable pair is used. After TRY of its attempts, the series or the explicit pair is tried, and kept if it succeeds.
 """
 
 cdef enum:
@@ -14,11 +14,11 @@ cdef enum:
     TRY = 10  # number of stiff attempts between two trials of the series or the explicit pair
     MOST = 16 * UNCHECKED  # largest `patience`
 
-cdef double NEAR = 3.5  # h lambda above which a step is near the limit; there h lambda alternates between about 4 and 7
+cdef double NEAR = 3.5  # h lambda above which a step is near the limit; such steps have an h lambda of about 4 to 7
 
 
 cdef double attempt(const Piece *now, Work *work, double h) noexcept nogil:
-    """Try a step of `h` from `work.x` into `work.trial`; return estimated error / allowed error (a series: 0.5 or 2)."""
+    """Try a step of `h` from `work.x` into `work.trial`; return estimated / allowed error, for a series 0.5 or 2."""
     if work.method == SERIES:
         evaluate(now, work, h, work.trial, work.trial_rate)
         return 0.5 if h <= work.longest else 2.0
@@ -29,10 +29,10 @@ cdef double attempt(const Piece *now, Work *work, double h) noexcept nogil:
 
 
 cdef double judge(const Piece *now, Work *work, double h, double *error) noexcept nogil:
-    """Return the factor by which to change `h`, and choose the next step's method; an `error[0]` above 1 rejects the step."""
+    """Return the factor by which to change `h`, and update `work.memory`; an `error[0]` above 1 rejects the step."""
     cdef Memory *memory = &work.memory
     memory.seen += 1
-    if work.method != STIFF and memory.method == STIFF:  # a trial, also rejected if unstable, whatever its error
+    if work.method != STIFF and memory.method == STIFF:  # a trial; if unstable, it is rejected whatever its error
         if error[0] > 1.0 or h * apparent_eigenvalue(now, work) > NEAR:
             memory.seen, error[0] = 0, 2.0
             return 1.0
@@ -47,7 +47,7 @@ cdef double judge(const Piece *now, Work *work, double h, double *error) noexcep
 
 
 cdef void choose_method(const Piece *now, Work *work, double *h) noexcept nogil:
-    """Choose the method of the step: every TRY-th stiff step is a trial. Unless stiff, a series sets or limits `h`."""
+    """Choose the method: a trial after TRY stiff steps. In a motion that is not stiff, a series sets or limits `h`."""
     cdef const Memory *memory = &work.memory
     cdef bint stiff = memory.method == STIFF, known = work.expanded
     work.method = STIFF if stiff and (memory.seen == 0 or memory.seen % TRY != 0) else EXPLICIT
@@ -62,7 +62,7 @@ cdef void choose_method(const Piece *now, Work *work, double *h) noexcept nogil:
 
 
 cdef double step_factor(Work *work, double error) noexcept nogil:
-    """Return the factor by which to change the step; an accepted explicit step also uses the error before (Hairer)."""
+    """Return the factor for `h`; after an accepted explicit step the previous error also counts (Hairer)."""
     cdef float factor, log_error  # single precision is enough for the length of a step
     cdef Memory *memory = &work.memory
     if work.method == SERIES:
@@ -83,7 +83,7 @@ cdef double step_factor(Work *work, double error) noexcept nogil:
 
 
 cdef void probe(const Piece *now, Work *work, double h, double share) noexcept nogil:
-    """Compute the state and its rate at the fraction `share` of the last attempt of `h`, by its polynomial if it has one."""
+    """Compute state and rate at the fraction `share` of the last attempt of `h`; explicit steps use a polynomial."""
     cdef int i
     if work.method != EXPLICIT:
         probe_exactly(now, work, h, share)
@@ -95,7 +95,7 @@ cdef void probe(const Piece *now, Work *work, double h, double share) noexcept n
 
 
 cdef void probe_exactly(const Piece *now, Work *work, double h, double share) noexcept nogil:
-    """As `probe`, but by a step that ends at this fraction."""
+    """Compute the same as `probe`, by a step of `share * h` instead of a polynomial."""
     cdef Work other
     if work.method == SERIES:
         evaluate(now, work, share * h, work.probe, work.probe_rate)

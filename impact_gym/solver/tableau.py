@@ -51,7 +51,7 @@ def weighed(weights: dict[int, float], place: str) -> str:
 
 
 def moved(stage: int, place: str, newest: bool) -> str:
-    """Return code that computes a component at a stage; with `newest`, the newest rate is added last."""
+    """Return code that computes a component at a stage; with `newest`, the rate of the stage before is added last."""
     *earlier, last = A[stage].items()
     if not newest:
         return f"{place}{stage} = {place}0 + h * ({weighed(A[stage], place)})"
@@ -119,7 +119,7 @@ def dense(layout: Layout) -> list[str]:
 
 
 def eigenvalue(layout: Layout) -> list[str]:
-    """Return the code of a function that estimates an eigenvalue from the last two stages, see `stepper.pxi`."""
+    """Return the code of a function that estimates the largest eigenvalue from the last two stages (`stepper.pxi`)."""
     lines = [f"cdef double {layout.name}_eigenvalue(const Work *work) noexcept nogil:"]
     body = ["cdef double apart, rates = 0.0, states = 0.0"]
     for place in layout.used:

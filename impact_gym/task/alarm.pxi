@@ -1,8 +1,8 @@
 """The contact alarm, and the end of an episode after a contact.
 
 With `alarm="force"` a switch at the tool raises the alarm once, a reaction delay after the contact force first exceeds
-the threshold. With `alarm="reading"` a force reading above the threshold raises the alarm on arrival. This alarm ends
-after the time `after_alarm`, and can be raised again.
+the threshold. With `alarm="reading"` a force reading above the threshold raises the alarm when the reading reaches the
+controller. This alarm ends after the time `after_alarm`, and can be raised again.
 """
 
 cdef double ROUNDING = 1e-9  # s; smaller differences between times are rounding errors
@@ -18,7 +18,7 @@ cdef inline void raise_alarm(Episode *episode, double time) noexcept nogil:
 
 
 cdef void update_alarm(Row *row) noexcept nogil:
-    """At the end of a control step, raise a switch's alarm, or end a reading's alarm, if due."""
+    """At the end of a control step, raise the alarm of the switch or end the alarm of a reading, if it is due."""
     cdef Episode *episode = row.episode
     if not row.task.alarm_by_reading:
         if row.chain.time >= alarm_time(row):

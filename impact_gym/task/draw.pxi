@@ -24,7 +24,7 @@ cdef double normal(const double *uniform) noexcept nogil:
 
 
 cpdef double hashed(double seed, int64_t count) noexcept nogil:
-    """Return the uniform number `count`, in [0, 1), of the stream with this `seed` (splitmix64, Steele et al. 2014)."""
+    """Return number `count`, uniform in [0, 1), of the stream `seed` (splitmix64, Steele et al. 2014)."""
     cdef uint64_t z = <uint64_t> seed + <uint64_t> (count + 1) * <uint64_t> 0x9E3779B97F4A7C15
     z = (z ^ (z >> 30)) * <uint64_t> 0xBF58476D1CE4E5B9
     z = (z ^ (z >> 27)) * <uint64_t> 0x94D049BB133111EB
@@ -39,7 +39,7 @@ cdef inline double drawn_or(double fixed, double drawn) noexcept nogil:
 cdef Record draw_record(
     const Task *task, const Draw *draws, const double *uniforms, const Record *fixed
 ) noexcept nogil:
-    """Return the task's numbers. A number that the task draws is the one in `fixed` or, if this is nan, a new one."""
+    """Return the task's numbers, some of them drawn. A number in `fixed` that is not nan replaces the drawn one."""
     cdef Record record = task.numbers
     cdef double *number = <double *> &record
     cdef const double *given = <const double *> fixed

@@ -1,4 +1,4 @@
-"""Play the episode of a row."""
+"""Play the episode of a row, one environment of a batch."""
 
 
 cpdef int64_t readings_in_transit(double reaction_delay, double control_period) noexcept nogil:

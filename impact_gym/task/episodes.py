@@ -23,20 +23,20 @@ class EpisodeState(NamedTuple):
     """Times (s) of detection, alarm and end of an episode; inf: not yet, or never."""
 
     detection: float  # when the contact force first exceeded the threshold
-    alarm: float  # when the last alarm reaches the controller; with `alarm="force"` known at the detection
+    alarm: float  # when the last alarm reaches the controller; with `alarm="force"` set at the detection
     alarm_over: float  # when the last alarm ends; inf with `alarm="force"`
     end: float  # end of the last control step; the trace can continue after it
 
 
 @lru_cache(maxsize=8)
 def first_uniforms(seed: int, count: int) -> NDArray[np.float64]:
-    """Return the uniform numbers (count, UNIFORMS) of first episodes after the seeds `seed`, `seed + 1`, ..."""
+    """Return the uniform numbers (count, UNIFORMS) of the first episode with each seed: `seed`, `seed + 1`, ..."""
     seeds = map(np.random.SeedSequence, range(seed, seed + count))  # as Gymnasium seeds its generators
     return np.array([np.random.Generator(np.random.PCG64(each)).random(UNIFORMS) for each in seeds])
 
 
 def records_with(count: int, numbers_by_id: Mapping[str, ArrayLike]) -> NDArray[Any]:
-    """Return records (count,) with the given values, each a number or (count,), and nan elsewhere."""
+    """Return records (count,) with the given values, each a number or an array (count,), and nan elsewhere."""
     records = np.empty(count, RECORD)
     columns = records.view(np.float64).reshape(count, -1)
     columns.fill(math.nan)
@@ -50,7 +50,7 @@ def reset_options(options: Any, tasks: Sequence[Task], slots: int | None = None)
 
     A number in "scenario" replaces the same number in "record". With `slots`, the size of a batch, a value may be a
     sequence (slots,). `tasks` has one task for all slots, or one for each slot. A number of the set-up must lie in the
-    range of each task that draws it, and a reaction delay must not exceed the longest delay of the task.
+    range of each task that draws it. A reaction delay must not exceed the longest delay of the task.
     """
     one_of("options", options, Mapping, type(None))
     given, fixed = dict(options or {}), dict[str, ArrayLike]()
@@ -73,7 +73,7 @@ def _checked(field: str, name: str, value: Any, tasks: Sequence[Task], slots: in
     several = isinstance(value, Sequence) and not isinstance(value, (str, bytes))
     listed = slots is not None and (several or getattr(value, "ndim", 0) > 0)
     if listed and len(value) != slots:
-        raise ValueError(f"{field} must be a number or {slots} numbers in {QUANTITIES[name].unit}, got {len(value)}")
+        raise ValueError(f"{field} must be 1 or {slots} numbers in {QUANTITIES[name].unit}, got {len(value)}")
     pairs = zip(value, cycle(tasks), strict=False) if listed else ((value, task) for task in tasks)
     checked = list[float]()
     for slot, (each, task) in enumerate(pairs):

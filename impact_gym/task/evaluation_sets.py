@@ -36,7 +36,7 @@ class EvaluationSet:
 
 
 def load(name: str | Path) -> EvaluationSet:
-    """Return a shipped set by its name, or the set in a file; ValueError: the file is missing, altered or no set."""
+    """Return a shipped set by its name, or the set in a file; ValueError: the file is missing, altered or not a set."""
     return parsed(named_file("evaluation set", name, SHIPPED, ".csv"), "evaluation set", _frozen)
 
 

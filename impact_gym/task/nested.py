@@ -56,7 +56,7 @@ def grouped(numbers: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def ranged_record(name: str, value: Any, kinds: tuple[type[Any], ...]) -> tuple[Any, dict[str, Range]]:
-    """Return the record, of a class in `kinds`, that `value` describes, and its ranges by dotted path.
+    """Return the record (of a class in `kinds`) that `value` describes, and the ranges in `value` by dotted path.
 
     The record has the median of each range. Each combination of the ranges' ends must be valid.
     """
@@ -74,8 +74,8 @@ def ranged_record(name: str, value: Any, kinds: tuple[type[Any], ...]) -> tuple[
 def record_from(name: str, value: Any, allowed: tuple[type[Any], ...]) -> Any:
     """Return `value` if it is of an `allowed` class, or the record that a mapping of fields and "type" describes.
 
-    "type", the name of the class, may be left out if only one class is allowed, or if the mapping has exactly the
-    fields of one class (`EnvSpec.to_json` leaves "type" out).
+    "type" is the name of the class. If several classes are allowed, a mapping without "type" (as from
+    `EnvSpec.to_json`) must have exactly the fields of one of them.
     """
     if isinstance(value, allowed):
         return value

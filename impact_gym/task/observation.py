@@ -43,7 +43,7 @@ class ObservationSpec:
     """
 
     def __init__(self, task: Task, drawn: Iterable[str] | None = None) -> None:
-        """Make the specification of `task`; `drawn`: ids of drawn numbers for a critic, None: `task.drawn`."""
+        """Make the specification of `task`; a critic observes the numbers in `drawn` (ids; None: `task.drawn`)."""
         critic = {*(task.drawn if drawn is None else drawn)}
         entries = filter(None, (_entry(row, task, critic) for row in QUANTITIES.values()))
         self.entries = tuple(sorted(entries, key=lambda entry: entry.observed == "privileged"))
@@ -57,7 +57,7 @@ class ObservationSpec:
 
     @classmethod
     def of_rows(cls, tasks: Sequence[Task]) -> "ObservationSpec":
-        """Return the specification of a batch; with `privileged`, each row has all numbers that any task draws."""
+        """Return the specification of a batch; with `privileged`, each task observes the drawn numbers of all tasks."""
         drawn = {name for task in tasks for name in task.drawn}
         common = cls(tasks[0], drawn)
         for row, task in enumerate(tasks):
@@ -107,7 +107,7 @@ class ObservationSpec:
 
 
 def place(name: str) -> int:
-    """Return the index of an observed number among all numbers of the record EPISODE; -1: none."""
+    """Return the index of an observed number among all numbers of the record EPISODE; -1: EPISODE lacks it."""
     return _PLACES.get(f"sensors.{name}", _PLACES.get(f"drawn.{name}", -1))
 
 
@@ -123,7 +123,7 @@ def _entry(row: Quantity, task: Task, drawn: Container[str]) -> Quantity | None:
         case "past_readings":
             sensor, _, before = row.id.rpartition("_")
             seen = int(before) <= task.past_readings and (sensor == "force" or task.deflection_sensor)
-        case "operator" | "range_sensor" | "range_noise":  # with a `range_noise` of 0 the estimate is exact
+        case "operator" | "range_sensor" | "range_noise":  # a `range_noise` of 0 also gives an estimate
             seen = getattr(task, row.observed) is not None
         case "observe_range_noise" | "deflection_sensor":
             seen = getattr(task, row.observed)

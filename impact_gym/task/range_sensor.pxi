@@ -8,7 +8,7 @@ cdef void begin_range(Row *row) noexcept nogil:
 
 
 cdef void sense_range(Row *row) noexcept nogil:
-    """Take a reading, unless it is lost, and deliver the readings that are due."""
+    """Take a reading, which may be lost, and deliver the readings that are due."""
     cdef Episode *episode = row.episode
     cdef const RangeSensorNumbers *sensor = &episode.drawn.range_sensor
     cdef const RangeReading *reading

@@ -12,10 +12,10 @@ cdef struct Draw:  # a number that an episode draws from a range
     double low, high
 
 
-cdef struct Table:  # a recording or a trace: times, then as many values
+cdef struct Table:  # a recording of commands or a trace of delays: n times, then n values
     int64_t begin, points  # `begin`: index of the first time among the numbers of all tables; `points`: number of times
     double length  # s, last time of a trace of delays, or length of each recording of commands
-    double mean  # s, of a trace of delays: mean over time, without lost packets
+    double mean  # s, mean over time of a trace's delays, without lost packets
 
 
 cdef struct Task:  # arguments of an environment
@@ -30,17 +30,17 @@ cdef struct Task:  # arguments of an environment
     Range velocity  # m/s, allowed velocity commands to the flange
     Record numbers  # numbers of the set-up; for a drawn number its median
     Mount mount  # the mount; for drawn numbers their medians
-    int64_t first_draw, last_draw  # among the draws of all tasks, index of this task's first, and one after the last
+    int64_t first_draw, last_draw  # among the draws of all tasks: index of this task's first, 1 + index of its last
     int64_t mount_drawn  # 1: numbers of the mount are drawn
     int64_t range_sensor  # 1: with a range sensor
     int64_t alarm_by_reading  # 1: readings raise the alarm, 0: a switch does
     double force_weight  # m/s per N
     double tolerance  # -, allowed local error of a step of the integrator
     int64_t exact  # 1: damping factor by `exact_damping`, 0: by `hu_guo`
-    double reference_velocity  # m/s, approach velocity at which `dissipation="fixed"` gives the restitution; else 0
+    double reference_velocity  # m/s, approach velocity with the given restitution if `dissipation="fixed"`, otherwise 0
     int64_t max_steps  # number of control steps until truncation; 0: unlimited
     int64_t operator_kind  # kind of operator; NO_OPERATOR: the controller alone commands
-    Table replay, uplink, downlink  # recordings: commands, delays of uplink, delays of downlink; without one 0 points
+    Table replay, uplink, downlink  # commands, delays of uplink, delays of downlink; `points` is 0 if none are recorded
 
 
 cdef struct Reading:  # of the sensors, in transit to the controller
@@ -73,7 +73,7 @@ cdef struct Episode:  # drawn numbers, state and results of an episode
     int64_t status  # 0, UNSETTLED, or the negative status of a failed solver
     Terms terms, terms_before  # sums of the unweighted reward terms: so far, and before the last control step
     Terms rewards  # m/s, sums of the weighted terms
-    double object_velocity  # m/s, V_p so far (see `settle.pxi`); final once the episode has terminated, 0 if missed
+    double object_velocity  # m/s, V_p so far (see `settle.pxi`); after termination 0 if missed, or if the solver failed
     double approach_time  # s, time of the first contact; before it, the horizon
     double slide, rest_time  # m, s, see `Chain`; inf without friction, and before the episode terminates
     double done_time  # s, end of the last control step so far
@@ -98,7 +98,7 @@ cdef struct Link:  # operator, channels and assistance of a row
     double next_sent, next_arrival  # s, when the next regular command is sent, and when the next command arrives
     double expires  # s, when `command` becomes too old
     double idle_since  # s, since when `command` has been 0 again; inf: `command` is not 0, or has always been 0
-    double stop  # s, when the operator stops because of a touch; inf: not known yet
+    double stop  # s, when a model of an operator stops because of a touch; inf: not known yet
     double seen_position  # m, of the flange, in the newest packet that the operator has seen
     double alarmed  # s, when the last alarm reached the controller; -inf before the first
     double believed  # m, assumed distance of the object
@@ -109,11 +109,11 @@ cdef struct Link:  # operator, channels and assistance of a row
     double gain, acceleration, withdrawal  # of the assistance: -, m/s^2, m/s
     double commanded_way, withheld_way  # m, before the touch: integrals of |effective|, |effective - executed velocity|
     double age_mean, age_squares  # s, s^2: mean age of used commands on arrival, sum of the squares of (age - mean)
-    # `packets`, `arrived`, `ticks`: numbers of commands sent, used, sent regularly; `oldest`: index of oldest usable
+    # commands: `packets` sent, `arrived` used, `ticks` sent regularly; `oldest`: index of the oldest usable `Packet`
     int64_t packets, oldest, arrived, ticks
     int64_t display_packets, seen_packet  # number of packets sent to the display; index of the newest `Packet` seen
     int64_t expired, stopped  # 0 or 1: `command` has expired; the operator has stopped
-    int64_t uplink_lost, downlink_lost  # 0 or 1: the last packet on this channel was lost
+    int64_t uplink_lost, downlink_lost  # 0 or 1: the last packet on the channel was lost
 
 
 cdef struct RangeReading:  # of the range sensor, in transit to the controller

@@ -3,9 +3,9 @@
 
 cdef struct Terms:  # of a control step, or their sums in an episode
     double time  # s, duration before the first contact; with an operator, the whole duration
-    double speed  # m/s, V_p (see `settle.pxi`), in a step that ends an episode with a touch; else 0
-    double force  # N, largest contact force of the episode, in the last step; 0 before
-    double miss  # m/s, cost of a missed object or a failed solver, in the last step; 0 before
+    double speed  # m/s, V_p (see `settle.pxi`) in the step that terminates an episode with a touch; otherwise 0
+    double force  # N, in the same step the largest contact force of the episode; otherwise 0
+    double miss  # m/s, in the step that terminates an episode: cost of a missed object or a failed solver; otherwise 0
 
 
 cdef double reward(const Terms *step, double time_weight, double force_weight, Terms *rewards) noexcept nogil:

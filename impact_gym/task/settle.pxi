@@ -23,14 +23,14 @@ cdef void finish(Run *run, Row *row, Terms *step) noexcept nogil:
 
 
 cdef int settle(Run *run, Row *row) noexcept nogil:
-    """Return ARRIVED, UNSETTLED at the settle limit, or the status of a failed solver."""
+    """Brake and simulate; return ARRIVED at the end, UNSETTLED at the time limit, or the status of a failed solver."""
     cdef Chain *chain = row.chain
     cdef double limit = chain.time + row.task.settle_limit, deceleration = row.task.full_deceleration, brake_end
     cdef double pause = REST_STEP if run.ground > 0.0 else 0.05
     cdef int status
     while not is_over(run, chain):
         if chain.time >= limit:
-            # an object stuck for half the limit sticks forever: a tool that oscillates against it only loses energy
+            # an object stuck for half the limit remains stuck, because a tool that oscillates on it only loses energy
             if has_stuck(chain, limit - 0.5 * row.task.settle_limit) or not chain.touching and cannot_touch(run, chain):
                 return ARRIVED
             if chain.touching:

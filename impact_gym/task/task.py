@@ -134,7 +134,7 @@ class Task:
 
     @classmethod
     def of(cls, field: str, given: Any, *others: str) -> "Task":
-        """Return the task with the arguments `given`. For an unknown one, the message lists `others` too."""
+        """Return the task with the arguments `given`. The error for an unknown argument lists `others`, too."""
         one_of(field, given, Mapping)
         if unknown := [name for name in given if name not in ARGUMENTS]:
             allowed = ", ".join([*others, *ARGUMENTS])
@@ -146,13 +146,13 @@ class Task:
         return dict(self._given)
 
     def by_path(self) -> dict[str, Any]:
-        """Return the arguments except the scenario, and the fields of records, by dotted path; ranges as given."""
+        """Return all arguments but `scenario`, and all fields of records, by dotted path. A range stays as given."""
         values = {name: self._given.get(name, getattr(self, name)) for name in ARGUMENTS if name != "scenario"}
         parts = {name: self._parts(name) for name in PARTS if getattr(self, name) is not None}
         return values | {f"{name}.{part}": value for name, its in parts.items() for part, value in its.items()}
 
     def changed(self, by_path: Mapping[str, Any]) -> "Task":
-        """Return a copy of the task with other arguments, or parts of arguments, at these dotted paths."""
+        """Return a copy of the task with the values in `by_path`: arguments, or parts of arguments, by dotted path."""
         arguments = self.arguments()
         for name, value in grouped(by_path).items():
             if name not in by_path:  # `by_path` has parts of this argument
@@ -161,7 +161,7 @@ class Task:
         return Task(**arguments)
 
     def _parts(self, name: str) -> dict[str, Any]:
-        """Return the fields of the record in the argument `name` that are not None; fields of a mapping as given."""
+        """Return the fields, except None, of the record in the argument `name`. Fields of a mapping stay as given."""
         given = self._given.get(name)
         parts = asdict(getattr(self, name)) | (dict(given) if isinstance(given, Mapping) else {})
         return {part: value for part, value in parts.items() if part != "type" and value is not None}
@@ -180,7 +180,7 @@ class Task:
         if self.deflection_sensor and isinstance(self.coupling, Rigid):
             raise ValueError("deflection_sensor must be False with a Rigid coupling, which has no deflection")
         if self.range_noise is None and (self.observe_range_noise or self.range_bias or "range_bias" in self.drawn):
-            raise ValueError("range_bias and observe_range_noise must be 0 and False without an estimate (range_noise)")
+            raise ValueError("range_bias must be 0 and observe_range_noise False without an estimate (no range_noise)")
         if self.range_sensor is not None:
             if self.range_noise is not None:
                 raise ValueError(f"range_noise must be None with a range_sensor, got {self.range_noise:g} m")

@@ -5,7 +5,7 @@ cpdef enum:
 
 
 cdef double chance(Row *row, int64_t stream, int64_t count) noexcept nogil:
-    """Return the `count`-th uniform number in [0, 1) of the episode's `stream`; 0: force, 1: range sensor."""
+    """Return the `count`-th uniform number in [0, 1) of a `stream` of the episode (0: force, 1: range sensor)."""
     return hashed(row.episode.drawn.noise_seed, (stream << 40) + count)
 
 
@@ -17,7 +17,7 @@ cdef double normal_chance(Row *row, int64_t stream, int64_t count) noexcept nogi
 
 cdef double delay_of(Row *row, const ChannelNumbers *channel, const Table *trace, int64_t stream, int64_t count,
                      double time) noexcept nogil:
-    """Return the delay (s) of packet `count`, sent at `time` (s): from the trace, else `delay` + a random time."""
+    """Return the delay (s) of packet `count`, sent at `time` (s); without a trace it is `delay` + a random time."""
     cdef double mean, begin
     if trace.points > 0:
         begin = chance(row, stream + 3, 0) * trace.length

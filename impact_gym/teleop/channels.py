@@ -56,7 +56,7 @@ class Channel(Parameters, path="uplink"):
                 if value := getattr(self, name):
                     raise ValueError(f"Channel.{name} must be 0 with a trace, which gives all delays, got {value!r}")
         if self.loss > (most := self.burst / (1.0 + self.burst)):
-            raise ValueError(f"Channel.loss must be at most {most:g} with bursts of {self.burst:g}, got {self.loss!r}")
+            raise ValueError(f"Channel.loss must be at most {most:g} for burst = {self.burst:g}, got {self.loss!r}")
 
     @property
     def delays(self) -> tuple[float, ...]:
@@ -89,7 +89,7 @@ FIFTH_GENERATION = {
 
 
 def columns_of(trace: Any) -> list[list[float]]:
-    """Return the times and the delays (s) of a trace, which is rows of both or a CSV file.
+    """Return the times and the delays (s) of a trace: rows (time, delay) or a CSV file.
 
     The times of a file are shifted to begin at 0 s, and an empty or infinite delay in a file becomes `LOST`.
     """

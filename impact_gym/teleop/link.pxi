@@ -24,7 +24,7 @@ cdef void begin_link(Row *row) noexcept nogil:
 
 
 cdef double send_display(Row *row) noexcept nogil:
-    """Send a packet to the display; return its arrival, s (inf: lost). After a touch, set `stop` of an operator's model."""
+    """Send a packet to the display; return its arrival, s (inf: lost). After a touch, set when a model stops."""
     cdef Link *link = row.link
     cdef const ChannelNumbers *channel = &row.episode.drawn.downlink
     cdef double now = row.chain.time
@@ -146,7 +146,7 @@ cdef void observe_link(Row *row) noexcept nogil:
 
 
 cdef bint task_done(Row *row) noexcept nogil:
-    """Return whether the object rests and the operator has finished or, after a touch, the tool has."""
+    """Return whether the object rests, and the operator (or, after a touch, the tool) has finished."""
     cdef Chain *chain = row.chain
     cdef bint idle = chain.time >= row.link.idle_since + IDLE - ROUNDING
     if chain.contacts == 0:

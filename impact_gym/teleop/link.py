@@ -12,7 +12,7 @@ from impact_gym.teleop.channels import LOST, WAYS, Channel
 from impact_gym.teleop.operators import KINDS, Operator, Replay
 from impact_gym.validation import Range
 
-LONGEST_SPACING, SLOWEST_PING = 200, 2.0  # control periods and s; the longer limits the median spacing of a trace
+LONGEST_SPACING, SLOWEST_PING = 200, 2.0  # control periods, s; a trace's median spacing is at most the longer one
 FADE: float = WITHDRAWAL_FADE  # s, time in which a withdrawal falls to 0
 
 
@@ -38,10 +38,10 @@ class Link(NamedTuple):
             raise ValueError("friction must be above 0 (no unit) with an operator: else an object never rests")
         for name in ("speed", "creep"):
             if (fastest := self.ends("operator", name)[1]) > high:
-                raise ValueError(f"operator.{name} must be at most the arm's {high:g} m/s, got {fastest:g} m/s")
+                raise ValueError(f"operator.{name} must be at most {high:g} m/s (velocity_range), got {fastest:g} m/s")
         for velocity in getattr(self.operator, "velocity", ()):
             if not low <= velocity <= high:
-                allowed = f"within the arm's {low:g} to {high:g} m/s"
+                allowed = f"within velocity_range, {low:g} to {high:g} m/s"
                 raise ValueError(f"Replay.velocity must be {allowed}, got {velocity:g} m/s")
         if 0.0 < (length := getattr(self.operator, "length", 0.0)) < horizon:
             raise ValueError(f"Replay.length must be at least the horizon, {horizon:g} s, got {length!r} s")
@@ -67,7 +67,7 @@ class Link(NamedTuple):
                              f"period of {control_period:g} s, got {apart:g} s: is it in ms?")  # fmt: skip
 
     def to_kernel(self, record: NDArray[Any], begin: int) -> list[NDArray[np.float64]]:
-        """Write operator kind and places of tables, from `begin` on, into `record` (1,), TASK; return the tables."""
+        """Write operator kind and table positions, from `begin` on, into `record`, (1,) of TASK; return the tables."""
         record["operator_kind"] = KINDS[type(self.operator)]
         tables = [getattr(self.operator, "table", np.empty(0)), self.uplink.table, self.downlink.table]
         for name, points in zip(("replay", *WAYS), tables, strict=True):

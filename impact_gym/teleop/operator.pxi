@@ -7,7 +7,7 @@ cdef double MUSCLE = 0.04  # s, time constant of each of two first-order lags fr
 
 
 cdef double step_response(double omega, double zeta, double time) noexcept nogil:
-    """Return the position at `time` (s) of a mass on a spring and damper (omega, rad/s), whose target steps to 1 at 0 s."""
+    """Return the position at `time` (s) of an oscillator (`omega` in rad/s) after a step of its target to 1 at 0 s."""
     cdef double decay = zeta * omega, root = omega * sqrt(fabs(1.0 - zeta * zeta)), slow, fast
     if time <= 0.0:
         return 0.0
@@ -68,7 +68,7 @@ cdef double operator_command(Row *row, double time) noexcept nogil:
     if link.stopped:
         return 0.0
     speed = intended(row, time)
-    if numbers.noise > 0.0:  # white noise (Todorov 2005: steps of 10 ms), scaled to the control period, after two lags
+    if numbers.noise > 0.0:  # white noise, steps of 10 ms (Todorov 2005) scaled to the control period, after two lags
         rate = row.task.control_period / MUSCLE
         rate = rate / (1.0 + rate)
         share = numbers.noise * sqrt(0.01 / row.task.control_period)

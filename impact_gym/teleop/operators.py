@@ -85,7 +85,7 @@ class Reach(Searcher):
 class SecondOrderLag(Searcher):
     """A pointing hand, pulled by a spring and damper to a moving target.
 
-    The target moves at constant speed to the assumed place of the object. The hand moves faster, up to `speed`.
+    The target moves at constant speed to the assumed place of the object. The hand's peak velocity is at most `speed`.
     Stiffness and damping are medians of 192 fits, `optparams/` of fl0fischer/OFC4HCI.
     """
 
