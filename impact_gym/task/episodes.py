@@ -13,7 +13,7 @@ from impact_gym.kernels import RECORD, UNIFORMS
 from impact_gym.quantities import EPISODE, QUANTITIES, SCENARIO
 from impact_gym.task.scenario import FIELDS
 from impact_gym.task.task import PLACES, Task
-from impact_gym.validation import number, one_of, shown
+from impact_gym.validation import number, one_of, shown, unit_text
 
 RECORD_IDS = tuple(row.id for row in (*SCENARIO, *EPISODE))
 """Ids of the numbers in every record."""
@@ -73,7 +73,8 @@ def _checked(field: str, name: str, value: Any, tasks: Sequence[Task], slots: in
     several = isinstance(value, Sequence) and not isinstance(value, (str, bytes))
     listed = slots is not None and (several or getattr(value, "ndim", 0) > 0)
     if listed and len(value) != slots:
-        raise ValueError(f"{field} must be 1 or {slots} numbers in {QUANTITIES[name].unit}, got {len(value)}")
+        unit = unit_text(QUANTITIES[name].unit, "in ")
+        raise ValueError(f"{field} must be 1 or {slots} numbers {unit}, got {len(value)}")
     pairs = zip(value, cycle(tasks), strict=False) if listed else ((value, task) for task in tasks)
     checked = list[float]()
     for slot, (each, task) in enumerate(pairs):
