@@ -29,7 +29,7 @@ def warn_of_threads(threads: int, available: int) -> None:
 
 
 class ImpactVecEnv(VecEnv):
-    """`num_envs` environments for stable-baselines3, stepped in one call; arguments: see `ImpactApproachVectorEnv`.
+    """`num_envs` environments for stable-baselines3. Arguments: as `ImpactApproachVectorEnv`, without `autoreset_mode`.
 
     The last step of an episode returns the first observation of the next episode, and the final `info` with
     `terminal_observation` and `TimeLimit.truncated`. For at most 16 environments, made with `render_mode="rgb_array"`,
@@ -64,7 +64,7 @@ class ImpactVecEnv(VecEnv):
         """Begin an episode in every slot, with the seeds and options that were set since the last reset."""
         one_of("options", self._options, list)
         if len(self._options) != self.num_envs:
-            raise ValueError(f"options must be a mapping or {self.num_envs} of them, got {len(self._options)}")
+            raise ValueError(f"options must be a mapping or {self.num_envs} mappings, got {len(self._options)}")
         seeds = None if all(seed is None for seed in self._seeds) else list(self._seeds)
         asked = zip(self._options, cycle(self.envs.batch.tasks), strict=False)
         fixed = np.concatenate([reset_options(options, [task]) for options, task in asked])
@@ -96,18 +96,18 @@ class ImpactVecEnv(VecEnv):
         """Do nothing, because a batch holds no resources."""
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """Return the batch's attribute, once for each of `indices`."""
+        """Return an attribute of `envs`, once for each of `indices`."""
         return [getattr(self.envs, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Set an attribute of the batch; `indices` must be all slots."""
+        """Set an attribute of `envs`; `indices` must be all slots."""
         self._must_be_all(indices, attr_name)
         setattr(self.envs, attr_name, value)
 
     def env_method(
         self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **method_kwargs: Any
     ) -> list[Any]:
-        """Call a method of the batch once; `indices` must be all slots."""
+        """Call a method of `envs` once; `indices` must be all slots."""
         self._must_be_all(indices, method_name)
         value = getattr(self.envs, method_name)(*method_args, **method_kwargs)
         return [value for _ in range(self.num_envs)]

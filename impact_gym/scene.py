@@ -22,7 +22,7 @@ from impact_gym.validation import choice, number, one_of
 Dissipation = Literal[
     "hu-guo", "exact", "hunt-crossley", "lankarani-nikravesh", "herbert-mcwhannell", "gonthier", "flores", "fixed"
 ]
-"""Laws of the damping for a nominal restitution, see `Contact`."""
+"""Laws that give the damping for a nominal restitution, see `Contact`."""
 LAWS = get_args(Dissipation)
 
 STOP_STIFFNESS, STOP_DAMPING_RATIO = 1e5, 1.0
@@ -47,7 +47,7 @@ class Object(Parameters, path="object"):
     """
 
     mass: float  # kg
-    distance: float  # m, gap between the faces at t = 0
+    distance: float  # m, gap between the faces of tool and object at t = 0
     friction: float | None = None  # -, mu, coefficient of Coulomb friction between object and ground; None: no friction
 
 
@@ -61,7 +61,7 @@ class Contact(Parameters, path="contact"):
     7) and m = n the restitution is 0.4877 for a nominal 0.5, and 0.0741 for 0.1 (docs/provenance.md). The other laws
     are in `physics.dissipation`. With all laws but "fixed" the restitution is the same for all approach velocities from
     1e-6 m/s on. With "fixed" chi is constant: a contact that begins at `reference_velocity` has the nominal
-    restitution. If m = n, a faster contact has a lower restitution, as in measurements.
+    restitution. With "fixed" and m = n, a faster contact has a lower restitution, as in measurements.
     """
 
     checked_by_itself: ClassVar = ("stiffness",)  # checked below, because its unit depends on the exponent
@@ -112,7 +112,7 @@ class SpringDamper(Parameters, path="coupling"):
 class Bistable(Parameters, path="coupling"):
     """A coupling by a bistable mechanism with two stops (paper, eq. 23-24, Fig. 21-22).
 
-    The tool is fixed to the slider. Positions of the slider are measured from the alignment, where the spring is
+    The tool is fixed to its slider. Positions of the slider are measured from the alignment, where the spring is
     perpendicular to the slider's path. A stop is a linear spring and damper that never pulls; its damping is 2 zeta_s
     sqrt(k_s m_t), with the tool mass m_t. At zeta_s = 1 its restitution is exp(-2) = 0.135; the paper's stops are
     completely inelastic. The paper prints no position, stiffness or damping of a stop (docs/provenance.md). At t = 0
@@ -133,7 +133,7 @@ class Bistable(Parameters, path="coupling"):
         if not self.height < self.free_length:
             raise ValueError(
                 f"Bistable.height must be below Bistable.free_length = {self.free_length!r} m, got {self.height!r} m: "
-                "a spring that is not compressed at its alignment has one stable position"
+                "a spring that is not compressed at its alignment has only one stable position"
             )
         stroke = self.stroke
         if not 0 < self.front_stop < stroke:
@@ -159,7 +159,7 @@ class Bistable(Parameters, path="coupling"):
         return float(self.force(self.rest))
 
     def force(self, position: ArrayLike) -> NDArray[np.float64] | float:
-        """Return the force (N) on the tool of the spring alone, at slider positions (m) of any shape."""
+        """Return the force (N) of the spring alone on the tool, at slider positions (m) of any shape."""
         return _FORCE(self.stiffness, self.free_length, self.height, position)[()]
 
     def energy(self, position: ArrayLike) -> NDArray[np.float64] | float:
@@ -190,7 +190,7 @@ class RobotTable(Parameters, path="robot"):
     Between the positions each parameter is a cubic spline (not-a-knot); outside them it is constant.
     """
 
-    position: tuple[float, ...]  # m, distances of the imposed motion from its start; rising, at least 4
+    position: tuple[float, ...]  # m, distances of the imposed motion from its start: at least 4 rising numbers
     mass: tuple[float, ...]  # kg; mass, stiffness and damping have one value per position
     stiffness: tuple[float, ...]  # N/m
     damping: tuple[float, ...]  # N s/m

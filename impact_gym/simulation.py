@@ -46,8 +46,8 @@ def simulate(
         rtol: relative error allowed in the results of contacts. Between contacts a motion with a closed form is exact;
             others (bistable coupling, stops, `RobotTable`, spring on a `Robot`) are integrated to `rtol`.
         trace: whether to return time histories; other results do not change. Between contacts the
-            points are about 1 ms apart, or 1e-5 of `duration` if that is longer. In a contact there are 8 or 12 points
-            per integration step.
+            points are at most 1 ms apart, or 1e-5 of `duration` if that is longer. In a contact there are 8 or 12
+            points per integration step.
 
     Raises:
         RuntimeError: the run cannot finish.
@@ -166,7 +166,7 @@ def _approaches(template: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]
         yield plan, table
 
 
-ROUNDS = 3  # `advise` runs each model this many times (all joints: once), and takes the shortest time
+ROUNDS = 3  # `advise` runs each model this many times (the one with all joints once); the shortest time counts
 
 
 def advise(
@@ -183,8 +183,8 @@ def advise(
             contacts.
         duration: length of a run, s.
         arm: an arm and its line of approach, `(arm, arm.along(...))`, for scenes without a robot. Then the full model
-            simulates all joints, see `impact_gym.robot.all_joints`. In simpler models the robot is rigid, is a table
-            from `Approach.robot_table` for each kind of mass, or has this table's values at the object.
+            simulates all joints, see `impact_gym.robot.all_joints`. In simpler models the robot is rigid, or
+            is an `Approach.robot_table` of one kind of mass, or has the constant values of this table at the object.
 
     Raises:
         RuntimeError: a run of the full model cannot finish.
@@ -244,7 +244,7 @@ def _timed(
     arm: tuple[Arm, Approach] | None = None,
 ) -> tuple[Array, float]:  # fmt: skip
     """Return the quantity for each scene, and the shortest computing time for all scenes, s."""
-    from impact_gym.robot.all_joints import simulate as simulate_arm  # here, because this import takes 40 ms
+    from impact_gym.robot.all_joints import simulate as simulate_arm  # imported here, because this takes 40 ms
 
     times: list[float] = []
     for _ in range(1 if arm else ROUNDS):

@@ -10,12 +10,12 @@ from scipy.spatial.transform import Rotation
 from impact_gym.robot.approach import Array
 
 LEAST_MASS, LEAST_INERTIA = 1e-9, 1e-15  # kg and kg m^2, least mass and least principal moment of inertia of a body
-LARGEST_GYRATION = 3.0  # m, largest radius of gyration, or the arm's reach if larger; inertia in kg mm^2 exceeds both
-ROUNDING = 1e-6  # fraction by which a moment of inertia may exceed the sum of the others; files have about six digits
+LARGEST_GYRATION = 3.0  # m; a radius of gyration above this and above the arm's reach means inertia in kg mm^2
+ROUNDING = 1e-6  # a moment of inertia may exceed the sum of the two others by this fraction, as files are rounded
 
 
 class Body(NamedTuple):
-    """A joint of an arm, and the links, welded together, that the joint moves."""
+    """A joint of an arm and the rigid body that it moves, which consists of links welded together."""
 
     joint: str  # name of the joint
     unit: str  # of the joint's position, rad or m
@@ -27,12 +27,12 @@ class Body(NamedTuple):
 
 
 def specification(bodies: Sequence[Body], tip: Array, balanced: bool) -> tuple[Any, Any]:
-    """Return the module mujoco, and an MjSpec of a chain of bodies; `tip` (4, 4): flange's pose in the last body."""
+    """Return mujoco and an MjSpec of the arm; `tip` (4, 4): pose of the flange in the frame of the last body."""
     try:
-        mujoco: Any = importlib.import_module("mujoco")  # by name, so that types are checked without MuJoCo
+        mujoco: Any = importlib.import_module("mujoco")  # imported by name, so that type checks run without MuJoCo
     except ImportError as missing:
         raise ImportError(
-            "computing a robot needs MuJoCo: pip install 'impact-gym[robot]' (the shipped table does not need it)"
+            "computing a robot needs MuJoCo: pip install 'impact-gym[robot]' (default_approach() works without it)"
         ) from missing
     reach = sum(float(np.linalg.norm(place[:3, 3])) for place in (*(body.place for body in bodies), tip))
     made, kinds = mujoco.MjSpec(), mujoco.mjtJoint
@@ -46,8 +46,8 @@ def specification(bodies: Sequence[Body], tip: Array, balanced: bool) -> tuple[A
 
 
 def _inertia(body: Body, reach: float, balanced: bool) -> dict[str, Any]:
-    """Return mass and inertia of a body as arguments of MuJoCo's `add_body`; `reach`: of the arm, m."""
-    total = np.sum(list(body.links.values()), axis=0)  # only the sum is checked: a link may be a frame or a point mass
+    """Return a body's mass and inertia as arguments of MuJoCo's `add_body`; `reach` (m): the stretched arm's length."""
+    total = np.sum(list(body.links.values()), axis=0)  # only the sum is checked, as a link may have no mass or inertia
     mass, centre = float(total[3, 3]), total[:3, 3] / max(total[3, 3], LEAST_MASS)
     if not mass >= LEAST_MASS:
         raise ValueError(
@@ -60,16 +60,16 @@ def _inertia(body: Body, reach: float, balanced: bool) -> dict[str, Any]:
     what = f"link {first}" + (f" with {', '.join(others)} welded to it" if others else "")
     found = f"{what} has principal moments of inertia of {least:.6g}, {middle:.6g} and {most:.6g} kg m^2"
     if not least >= LEAST_INERTIA:
-        raise ValueError(f"{found}: each must be above 0, at least {LEAST_INERTIA:g}")
+        raise ValueError(f"{found}: each must be above 0, and not below {LEAST_INERTIA:g} kg m^2")
     if most <= (1.0 + ROUNDING) * (least + middle):
-        spread = np.maximum(spread, 1e-12 * spread.sum())  # MuJoCo refuses even such a rounding error
+        spread = np.maximum(spread, 1e-12 * spread.sum())  # because MuJoCo refuses even this small excess
         moments = spread.sum() - spread
     elif balanced:
         moments = np.full(3, spread.sum() * 2.0 / 3.0)
     else:
         raise ValueError(f'{found}: each must be at most the sum of the others; inertia="balanced" uses the mean')
     if (gyration := np.sqrt(most / mass)) > max(LARGEST_GYRATION, reach):
-        raise ValueError(f"{found}, a radius of gyration of {gyration:.3g} m with {mass:g} kg: is it in kg m^2?")
+        raise ValueError(f"{found}, a radius of gyration of {gyration:.3g} m at {mass:g} kg: is the inertia in kg m^2?")
     turn = _quaternion(axes * np.sign(np.linalg.det(axes)))
     return {"mass": mass, "ipos": centre, "iquat": turn, "inertia": moments, "explicitinertial": True}
 

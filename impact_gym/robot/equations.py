@@ -18,7 +18,7 @@ from impact_gym.robot.arm import Arm
 from impact_gym.scene import Bistable, Rigid, Scene, SpringDamper
 
 LOST = 0.05  # rad or m; if a motor deviates from its command by this or more, the run ends
-MOST_EVALUATIONS = 400_000  # default largest number of evaluations of the equations in a run; they take about 15 s
+MOST_EVALUATIONS = 400_000  # default limit on evaluations of the equations in a run; 400,000 take about 15 s
 STIFF = 1e5  # 1/s; if the rate of the joints' fastest mode exceeds this, a run without a servo uses an implicit method
 
 
@@ -46,7 +46,7 @@ class Path:
         return self._places[k] + (speed + 0.5 * rate * since) * since, speed + rate * since, rate
 
     def brake(self, detection: float) -> None:
-        """Add the braking; it begins the brake's delay after `detection` (s), when the force exceeded the threshold."""
+        """Append the braking. The force exceeds the threshold at `detection` (s); the brake starts one delay later."""
         assert isinstance(self._motion, Trapezoid)
         assert self._motion.brake
         t = detection + self._motion.brake.delay
@@ -58,7 +58,7 @@ class Path:
 
 @dataclass(frozen=True, slots=True)
 class Servo(Parameters):
-    """A sampled PD control of motor positions; the acceleration and the elastic joints' torques are fed forward."""
+    """A sampled PD control of motor positions, plus the torques for commanded acceleration and elastic joints."""
 
     frequency: Annotated[float, SI("rad/s", above=0)] = 300.0  # natural frequency of a controlled rotor without link
     damping_ratio: Annotated[float, SI("-", above=0)] = 1.0
@@ -90,7 +90,7 @@ class Equations:
         inverse, unit = np.linalg.inv(self.arm.mass_matrix(self.motors(scene.object.distance))), np.eye(self.n)
         modes = np.linalg.eigvals(np.block([[0.0 * unit, unit], [-inverse * arm.stiffness, -inverse * arm.damping]]))
         self.stiff = bool(np.abs(modes).max() > STIFF)
-        self.damping = 0.0  # N s/m^(1 + n), of this contact: damping force / (depth^n rate), with the exponent n
+        self.damping = 0.0  # N s/m^(1 + n), hysteresis damping chi of the present contact, see `scene.Contact`
         self.evaluations, self.most_evaluations = 0, most_evaluations
         q = q_m = self.motors(0.0)
 
@@ -100,7 +100,7 @@ class Equations:
 
         if gravity:
             q = fsolve(unbalanced, q_m)
-        self.torque = arm.stiffness * (q_m - q)  # only with a servo: the motors' commanded torques that act now
+        self.torque = arm.stiffness * (q_m - q)  # torques of the motors that act now, used only with a servo
         motors = [q_m, np.zeros(self.n)] if servo else []
         place = float(self.u @ (self.arm.flange(q)[0] - self.start))
         self.first = np.concatenate([q, np.zeros(self.n), *motors, [place, 0.0, scene.object.distance, 0.0, 0.0]])
@@ -113,13 +113,13 @@ class Equations:
         return self.motors(s), self.slopes(s) * rate
 
     def sample(self, t: float, y: Array) -> Array:
-        """Return the torques of the motors that the servo computes at time `t` (s) from the state `y`."""
+        """Return the motor torques that the servo computes at time `t` (s) from the state `y`."""
         assert self.servo is not None
         s, rate, rise = self.path.at(t)
         q_m, v_m = self.driven(t, y)
         off = self.motors(s) - q_m
         if not (most := np.abs(off).max()) < LOST:
-            raise Unfinished(f"the servo does not hold the arm on its line: a joint is {most:.3g} rad or m off")
+            raise Unfinished(f"the servo does not hold the arm on its line: a motor is {most:.3g} rad or m off")
         w, wanted = self.servo.frequency, self.slopes(s) * rise + self.bend(s) * rate * rate
         follow = w * w * off + 2.0 * self.servo.damping_ratio * w * (self.slopes(s) * rate - v_m)
         held = self.arm.stiffness * (q_m - y[: self.n]) + self.arm.damping * (v_m - y[self.n : 2 * self.n])

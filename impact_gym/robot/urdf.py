@@ -21,10 +21,10 @@ from impact_gym.robot.bodies import Body
 from impact_gym.validation import number, unit_text
 
 UNITS = {"revolute": "rad", "continuous": "rad", "prismatic": "m"}
-"""Types of joints that an arm may have, and the unit of each type's position."""
+"""Types of movable joints that an arm may have, and the unit of each type's position."""
 MOST_MASS, MOST_INERTIA, FARTHEST, MOST_TURN = 1e6, 1e12, 100.0, 10.0
 """Largest numbers allowed in a file, in kg, kg m^2, m and rad; larger joint limits only cause a warning."""
-MOST_JOINTS = 1000  # most joints of an arm; MuJoCo recurses from joint to joint
+MOST_JOINTS = 1000  # largest number of joints, because MuJoCo recurses from joint to joint
 Element = ElementTree.Element
 
 
@@ -40,7 +40,7 @@ class Joint(NamedTuple):
 
 
 def read(content: bytes, base: str, tip: str, remarks: list[str]) -> tuple[list[Body], Array]:
-    """Return the bodies from link `base` to `tip`, and `tip`'s pose (4, 4) in the last; add warnings to `remarks`."""
+    """Return bodies from `base` to `tip`, and the pose (4, 4) of `tip` in the last body; add warnings to `remarks`."""
     robot = _parsed(content)
     links = _named(robot, "link")
     joints = _downwards(links, _named(robot, "joint"))
@@ -48,13 +48,13 @@ def read(content: bytes, base: str, tip: str, remarks: list[str]) -> tuple[list[
     chain = {joint.name for joint in way if joint.kind != "fixed"}
     if not 2 <= len(chain) <= MOST_JOINTS:
         wanted = "two joints or more" if len(chain) < 2 else f"at most {MOST_JOINTS} joints"
-        raise ValueError(f"an arm has {wanted}, between {base!r} and {tip!r} there are {len(chain)}")
+        raise ValueError(f"an arm must have {wanted}, but between {base!r} and {tip!r} there are {len(chain)}")
     bodies, fixed = list[Body](), (None, np.eye(4))
     places: dict[str, tuple[Body | None, Array]] = {base: fixed}  # for each link: its body, and its pose in this body
     for joint in joints:
         body, place = places.get(joint.parent, fixed)
         if not body and joint not in way:
-            continue  # the link does not move with the arm
+            continue  # this joint's links do not move with the arm
         if joint.kind not in (*UNITS, "fixed"):
             kinds = f"{joint.kind or 'of no type'}, allowed are {', '.join(UNITS)} and fixed"
             raise ValueError(f"joint {joint.name!r} is {kinds}")
@@ -89,7 +89,7 @@ def _way(links: Collection[str], joints: Sequence[Joint], base: str, tip: str) -
 
 
 def _parsed(content: bytes) -> Element:
-    builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()  # expat keeps namespace prefixes in names
+    builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()  # keeps prefixes, unlike ElementTree's parser
     parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
     try:
         parser.Parse(content, True)
@@ -101,7 +101,7 @@ def _parsed(content: bytes) -> Element:
     if {each.tag.partition(":")[0] for each in everything} & {"xacro", *declared}:
         raise ValueError("it is a xacro file: turn it into a URDF file first")
     if robot.tag != "robot":
-        raise ValueError(f"it is no URDF file, it begins with <{robot.tag}>")
+        raise ValueError(f"it is no URDF file: its root is <{robot.tag}>, not <robot>")
     return robot
 
 
@@ -133,19 +133,19 @@ def _downwards(links: Collection[str], elements: Mapping[str, Element]) -> list[
             if link not in links:
                 raise ValueError(f"joint {name!r} has the {side} {link!r}, which is no link")
         if child in above:
-            raise ValueError(f"link {child!r} is the child of two joints, a loop, which is not allowed")
+            raise ValueError(f"link {child!r} is the child of two joints: loops are not allowed")
         mimic = element.find("mimic")
         mimics = None if mimic is None else mimic.get("joint", "")
         above[child] = Joint(name, element.get("type", ""), parent, child, mimics, element)
     try:
         order = [*TopologicalSorter({link: [joint.parent] for link, joint in above.items()}).static_order()]
     except CycleError as loop:
-        raise ValueError(f"link {loop.args[1][0]!r} is below itself, a loop, which is not allowed") from None
+        raise ValueError(f"link {loop.args[1][0]!r} is below itself: loops are not allowed") from None
     return [above[link] for link in order if link in above]
 
 
 def _numbers(what: str, of: Element | None, key: str, unit: str, missing: str, most: float) -> tuple[float, ...]:
-    """Return the numbers in an attribute, as many as `missing` has words; `missing` replaces a missing attribute."""
+    """Return the numbers in attribute `key`, as many as the words in `missing`, which replaces a missing attribute."""
     text = missing if of is None else of.get(key, missing)
     try:
         values = [float(each) for each in text.split()] if "_" not in text else []  # float() would accept 1_0
@@ -164,7 +164,7 @@ def _place(name: str, of: Element) -> Array:
     """Return the pose of a joint or of an inertial frame, homogeneous, (4, 4)."""
     origin, place = _only(of, "origin", name), np.eye(4)
     if unknown := [] if origin is None else sorted({*origin.keys()} - {"xyz", "rpy"}):
-        raise ValueError(f"origin of {name} has {', '.join(unknown)}, known are xyz and rpy")
+        raise ValueError(f"origin of {name} has {', '.join(unknown)}, allowed are xyz and rpy")
     turn = _numbers(f"rpy of {name}", origin, "rpy", "rad", "0 0 0", MOST_TURN)
     place[:3, :3] = Rotation.from_euler("xyz", turn).as_matrix()
     place[:3, 3] = _numbers(f"xyz of {name}", origin, "xyz", "m", "0 0 0", FARTHEST)
@@ -182,7 +182,7 @@ def _limits(joint: Joint, remarks: list[str]) -> tuple[str, float, float]:
         raise ValueError(f"joint {name!r} has no limits, {unit}")
     low, high = (_numbers(f"{side} limit of {name}", limit, side, unit, "0", np.inf)[0] for side in ("lower", "upper"))
     if not low < high:
-        raise ValueError(f"joint {name!r} has limits of {low:g} and {high:g} {unit}, which must rise")
+        raise ValueError(f"joint {name!r} has limits of {low:g} and {high:g} {unit}: the lower must be below the upper")
     if max(-low, high) > {"rad": MOST_TURN, "m": FARTHEST}[unit]:
         remarks.append(f"joint {name!r} has limits of {low:g} and {high:g} {unit}: are they in other units?")
     return unit, low, high
@@ -201,8 +201,8 @@ def _axis(joint: Joint) -> Array:
 def _inertia(link: Element, remarks: list[str]) -> Array:
     """Return the pseudo-inertia J (4, 4) of a link: the integral of r r' over its mass, r = (x, y, z, 1) in its frame.
 
-    In a frame in which the link has the pose T, the pseudo-inertia is T J T'. In one frame the pseudo-inertias of
-    welded links add up (Wensing, Kim and Slotine, IEEE Robotics and Automation Letters 3, 2018).
+    In a frame in which the link has the pose T, the pseudo-inertia is T J T'. In a common frame the pseudo-inertias
+    of welded links add up (Wensing, Kim and Slotine, IEEE Robotics and Automation Letters 3, 2018).
     """
     name = link.get("name", "")
     if (inertial := _only(link, "inertial", name)) is None:

@@ -1,8 +1,8 @@
 """The paper's arm, the Viper s650, and a default approach on which it has the paper's mass and stiffness.
 
-The paper gives neither the joint angles nor the place of the impact. Of Fig. 12 it prints one number: robot mass
-m_r + tool mass m_t = 5.35 kg at the impact. From other printed numbers we infer the robot's stiffness at the impact,
-k_r = 1.9e5 N/m, and the travel to the impact, 0.2505 m (see docs/provenance.md).
+The paper gives neither the joint angles nor the place of the impact. From Fig. 12 the paper prints only one
+number: robot mass m_r + tool mass m_t = 5.35 kg at the impact. From other printed numbers we infer the robot's
+stiffness at the impact, k_r = 1.9e5 N/m, and the travel to the impact, 0.2505 m (see docs/provenance.md).
 
 With the tool in the plane of the arm (y = 0), m_r and k_r depend only on the position of the wrist centre, because
 links 5 and 6 only translate. `default_line` finds a position with these m_r and k_r. The arm reaches this position on a
@@ -25,11 +25,11 @@ STIFFNESS = (10000.0, 10000.0, 3000.0, 1000.0, 700.0, 300.0)
 
 They give k_r = 1.5e5 N/m at x = 0.50 m, z = 0.20 m with the tool pointing down.
 """
-DAMPING_OVER_STIFFNESS = 3.7e-4  # s, ratio of each joint's damping to its stiffness; damping ratio about 3 % at 26 Hz
+DAMPING_OVER_STIFFNESS = 3.7e-4  # s, each joint's damping / stiffness; gives a damping ratio of about 3 % at 26 Hz
 MASS_AT_IMPACT = 5.35 - 0.125  # kg, robot mass m_r: 5.35 kg minus the tool mass (paper, section 3.2)
 STIFFNESS_AT_IMPACT = 1.9e5  # N/m, robot stiffness k_r, inferred from the paper's Fig. 13b and 14a
 PITCH = {"down": np.pi, "horizontal": np.pi / 2}
-"""rad, angle from upward to the flange's z axis, towards +x. "horizontal": the tool points along the approach."""
+"""rad, angle of the flange's z axis from upward towards +x. "horizontal": the tool points along the approach."""
 PROVENANCE = {  # without version and date, so that the same table gives the same file
     "made_by": "impact_gym.robot.viper.write_default_approach()",
     "robot": "Viper s650, viper_s650.urdf and viper.py beside this file: inertia and joint stiffness are ESTIMATES",
@@ -63,10 +63,10 @@ def default_line(arm: Arm) -> Approach:
 
     solution = root(misfit, [0.56, 0.28], method="hybr", options={"xtol": 1e-13})
     if np.max(np.abs(solution.fun)) > 1e-11:
-        raise ValueError(f"no line with the wanted robot at the impact was found: {solution.message}")
+        raise ValueError(f"no line gives the paper's robot mass and stiffness at the impact: {solution.message}")
     x, z = map(float, solution.x)
     back = arm.along(angles_at(arm, x, 0.0, z, "horizontal"), (-1.0, 0.0, 0.0), IMPACT)
-    beyond = np.linspace(IMPACT, IMPACT + 0.08, 33)[1:]  # m; at 1 m/s, a delay of 16 ms and the braking take 0.0785 m
+    beyond = np.linspace(IMPACT, IMPACT + 0.08, 33)[1:]  # m; from 1 m/s, a delay of 16 ms and the braking take 0.0785 m
     return arm.along(back.joint_angles[-1], (1.0, 0.0, 0.0), [*np.linspace(0.0, IMPACT, 102), *beyond])
 
 

@@ -1,6 +1,6 @@
 """The outer loop: impose a velocity on the flange, while flights and contacts alternate."""
 
-cdef double GRAZE = 1e-12  # m/s, least velocity at which a contact begins; from 0, z and w (`contact.pxi`) would stay 0
+cdef double GRAZE = 1e-12  # m/s, least velocity at which a contact begins; at 0, z and w (`contact.pxi`) would stay 0
 # Flight on a spring ends as NOT_FINITE if (|acceleration| / frequency^2) / (object position) exceeds this ratio.
 cdef double LOST = 1e11  # at this ratio, rounding errors are about 1e-5 of the position
 cdef double SHORT = 1e-6  # m, added to the object's position in this ratio, because the position can be 0
@@ -172,7 +172,7 @@ cdef double reach_at_rest(const Run *run, const Chain *chain) noexcept nogil:
 
 
 cdef inline double slow_swing(double velocity, double acceleration, double frequency) noexcept nogil:
-    """Return a bound on the displacement (m) of an oscillation of at least `frequency` (rad/s); inf if faster than REST_SPEED."""
+    """Return a bound (m) on an oscillation of at least `frequency` (rad/s); inf if its speed can exceed REST_SPEED."""
     cdef double fastest = hypot(velocity, acceleration / frequency)
     return 2.0 * fastest / frequency if fastest <= REST_SPEED else INFINITY
 
@@ -211,7 +211,7 @@ cdef struct Approach:  # scene and motion of an approach
 
 
 cdef void approach(Run *run, Chain *chain, const Approach *plan) noexcept nogil:
-    """Run an approach: a `Motion`, or a ramp to a speed, which a brake may end; also record an unfinished contact."""
+    """Run an approach: a `Motion`, or a ramp to a speed and perhaps a brake. Also record an unfinished contact."""
     cdef const double *times = run.tables + plan.motion
     cdef const double *velocities = times + plan.points
     cdef double speed = plan.speed, acceleration = plan.acceleration, brake_at = INFINITY

@@ -49,11 +49,11 @@ cdef Units flight_units(const Run *run, const Chain *chain, double acceleration)
 
 
 cdef enum:
-    TABLE = 2  # safety factor on the energy: the robot's parameters vary within an interval of the robot's table
+    TABLE = 2  # safety factor on the energy, because the robot's parameters vary within an interval of its table
 
 
 cdef double longest_blind_step(const Piece *now, const double *x, double longest, double shortest) noexcept nogil:
-    """Return a step (scaled) of a flight, at most `longest`, without a possible touch; `shortest` if none is found."""
+    """Return a scaled step of a flight, at most `longest`, with no possible touch; `shortest` if none is found."""
     cdef const Law *law = now.law
     cdef Swing at = swing(now, x[TIME], x[DEFLECTION], x[DEFLECTION_RATE], x[OFFSET], x[OFFSET_RATE])
     cdef double touching = law.tool_mass, mass = law.tool_mass, energy, floor = 0.0, barrier = INFINITY
@@ -70,12 +70,12 @@ cdef double longest_blind_step(const Piece *now, const double *x, double longest
     else:
         touching = mass
         energy = 0.5 * (mass * at.y_dot * at.y_dot + at.robot.stiffness * at.y * at.y)
-    # E: `energy`, relative to the imposed motion; sqrt(E) grows by at most |acceleration| sqrt(mass / 2) per s
+    # E is `energy`, in the frame of the imposed motion; sqrt(E) grows by at most |acceleration| sqrt(mass / 2) per s
     while h > shortest:
         span = h * now.units.time
         gained = fabs(now.acceleration) * sqrt(0.5 * mass) * span
         fed = sqrt(TABLE * max(energy - floor, 0.0)) + gained
-        if floor + fed * fed >= barrier:  # the slider can pass the alignment; there the energy can fall below `floor`
+        if floor + fed * fed >= barrier:  # the slider can pass the alignment; behind it the energy can be below `floor`
             fed = sqrt(TABLE * energy) + gained
         if span * (closing + (fabs(now.acceleration) + ground) * span + fed * sqrt(2.0 / touching)) < gap:
             return h

@@ -12,7 +12,7 @@ cdef void begin_piece(
     if not chain.holding:
         now.contact.held = now.contact.damping = 0.0
     now.tolerance = run.tolerance
-    now.analytic = law.kind != INTEGRATED and is_hertz(&run.contact)  # RIGID and SPRING flights are not integrated
+    now.analytic = law.kind != INTEGRATED and is_hertz(&run.contact)  # such a piece is a contact, see `fly_on`
     now.threshold = run.threshold / now.units.force
     now.horizon = (until - chain.time) / now.units.time
     now.push = acceleration * now.units.time / now.units.velocity
@@ -219,7 +219,7 @@ cdef double coupling_force(const Run *run, const Chain *chain, double accelerati
 
 
 cdef Accelerations motion_now(const Run *run, const Chain *chain, double acceleration, double push) noexcept nogil:
-    """Return the motion of an INTEGRATED chain under a contact force `push` (N), in SI units."""
+    """Return accelerations and forces of an INTEGRATED chain under a contact force `push` (N), in SI units."""
     cdef Piece now
     cdef Swing at
     now.law, now.acceleration, now.units = run.law, acceleration, Units(1.0, 1.0, 1.0, 1.0)

@@ -1,7 +1,7 @@
-"""Find events within a smooth piece of motion. An event has a row in `Events`, whose value is negative before it.
+"""Find events within a smooth piece of motion. An event has a row in `Events` with a negative value before the event.
 
-The rows at both ends of a step show which events have occurred, and which may have begun and ended within the step. The
-first event is located by a polynomial or by shorter steps. Then a step is taken that ends on this event.
+The rows at both ends of a step show which events have occurred, and which values may have been positive in between.
+The first event is located by a polynomial or by shorter steps. Then a step is taken that ends on this event.
 """
 
 cdef enum:
@@ -19,13 +19,13 @@ cdef enum:
     NOTHING = -1  # no event
     SHORTER = -2  # no clear event: try a shorter step
 
-cdef double SHORTEST_STEP = 1e-10  # scaled length; a shorter step that starts on an event is not shortened further
+cdef double SHORTEST_STEP = 1e-10  # scaled length; a step below it that starts on an event is not shortened further
 
 
 cdef struct Events:
     double[ROWS] value  # negative before the event
-    # height: smooth quantity whose maximum is searched; slope: derivative of height, in CLOCK and SEPARATION of value
-    double[ROWS] height, slope  # derivatives by s, in flight by scaled time
+    # height: smooth quantity whose maximum is searched; slope: its derivative, in CLOCK and SEPARATION that of value
+    double[ROWS] height, slope  # slope is by s in a contact, by scaled time in flight
 
 
 cdef void evaluate_events(const Piece *now, const double *x, const double *rate, Events *events) noexcept nogil:
@@ -62,7 +62,7 @@ cdef void evaluate_object_events(const Piece *now, const double *x, const double
     events.value[REST] = events.height[REST] = -speed - now.standstill
     events.slope[REST] = -gain
     events.value[TOP], events.height[TOP], events.slope[TOP] = -1.0, speed, gain
-    if x[ROOT] <= 0.0:  # at z = 0, the start or end of a contact, the slope is 0; at z < 0 time runs backwards
+    if x[ROOT] <= 0.0:  # at z = 0 the slope is 0; at z < 0 its sign is wrong, because time runs backwards
         events.slope[TOP] = copysign(1e-300, events.value[SLIP])
 
 
@@ -100,7 +100,7 @@ cdef struct Finding:
     double share  # place of the event in the step, 0 to 1; for SHORTER the factor by which to shorten the step
     double within  # a place in the step, 0 to 1, at or after the event
     double peak, top  # scaled maxima inside the step, 0: none; `peak`: contact force, `top`: speed of a sliding object
-    double peak_at, top_at  # distances in s from the start of the step to `peak` and to `top`
+    double peak_at, top_at  # distances of `peak` and `top` from the start of the step, in the variable s
 
 
 cdef Finding search(
@@ -186,9 +186,9 @@ cdef double on_cubic(double t, double start, double start_slope, double end, dou
 
 
 cdef bint comes_back(int row, double h, const Events *start, const Events *end) noexcept nogil:
-    """Return whether a row has a maximum in a step; if it is not FORCE, SLIP or TOP, one that may exceed zero."""
+    """Return whether a row has a maximum in a step; except in FORCE, SLIP and TOP, it must be able to exceed zero."""
     cdef double v0 = start.height[row], v1 = end.height[row], s0 = h * start.slope[row], s1 = h * end.slope[row], top
-    if row == TOP and s1 < 0.0 < start.slope[SLIP]:  # at a slip the sign of the slope is a rounding error
+    if row == TOP and s1 < 0.0 < start.slope[SLIP]:
         return True  # at the start of a slip, the sign of s0 is a rounding error
     if not s0 > 0.0 > s1:
         return False

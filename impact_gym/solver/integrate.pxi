@@ -2,13 +2,13 @@
 
 cdef double FIRST_STEP = 0.3  # length of the first step to try in a contact, in the variable s (see `contact.pxi`)
 cdef double FIRST_FLIGHT = 0.1  # first trial step of a flight, in units of 1 / highest angular frequency of the chain
-cdef double LARGEST_STEP = 1.0  # in this unit; a longer step of a flight is tried only if no touch is possible in it
+cdef double LARGEST_STEP = 1.0  # in the same units; a longer flight step is tried only if no touch is possible in it
 # With friction, the duration z ds of a step is at most this many times the time left, so that the end can be located.
 cdef double OVERSHOOT = 1e3
 
 cdef enum:
     TRACE_POINTS = 8  # number of trace points in a step of a contact; 1.5 times as many in a series step
-    EVENTS_IN_TURN = 20  # largest number of events that are tried in turn as the end of a step, before a shorter step
+    EVENTS_IN_TURN = 20  # after so many events, each tried in turn as the end of a step, a shorter step is tried
 
 
 cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bint flying) noexcept nogil:
@@ -172,7 +172,7 @@ cdef int conclude(Run *run, Chain *chain, int event, double until) noexcept nogi
 
 
 cdef void trace_step(Run *run, const Piece *now, Chain *chain, double taken) noexcept nogil:
-    """Record trace points within the accepted step; each is computed by a shorter step from the same start."""
+    """Record trace points of the accepted step; those before its end are computed by shorter steps from its start."""
     cdef Chain ghost = chain[0]
     cdef Events events
     cdef int64_t point, points = TRACE_POINTS

@@ -1,7 +1,7 @@
 """The constants of one smooth piece of a contact or a flight, and functions that are the same for all chains."""
 
 cdef enum:
-    DEFLECTION = 4, DEFLECTION_RATE = 5  # scaled deflection and its rate, in the state after z, w, t and impulse
+    DEFLECTION = 4, DEFLECTION_RATE = 5  # indices in the scaled state (after z, w, t, impulse): deflection and its rate
     DEFLECTION_INTEGRAL = 6  # only in a SPRING chain
     PULL_IMPULSE = 6, JOINED = 7, OFFSET = 8, OFFSET_RATE = 9  # only in an INTEGRATED chain, see `integrated.pxi`
 
@@ -18,7 +18,7 @@ cdef struct Piece:
     Contact contact  # the same law, but without force while `Chain.holding` is 0
     bint rough  # whether there is friction under the object
     int object_state  # SLIDING or STUCK
-    double friction  # largest friction force on the object, mu m_p g, in units of force
+    double friction  # scaled largest friction force on the object, mu m_p g
     double ground  # scaled deceleration of the object by friction; 0 if the object sticks
     double standstill  # scaled speed: an object that slides has come to rest when it moves backwards faster than this
     double share  # scaled acceleration of the tool relative to the object per contact force; 1 if the object slides

@@ -1,10 +1,10 @@
 """Steps by Taylor series, for analytic pieces: `taylor.h` computes the series; this file chooses and takes the step."""
 
 cdef enum:
-    LAST_ORDERS = 3  # number of highest orders that determine the radius of convergence; one order can be 0
+    LAST_ORDERS = 3  # number of highest orders that give the radius of convergence; the coefficients of one can be 0
 
-cdef double LEFT_OUT = 0.05  # largest ratio of truncation error to allowed local error: a contact's errors add up
-cdef double MOST_LEFT_OUT = 2e-8  # largest truncation error at any tolerance: the errors of several contacts add up
+cdef double LEFT_OUT = 0.05  # largest truncation error / allowed local error, because a contact's errors add up
+cdef double MOST_LEFT_OUT = 2e-8  # largest truncation error at any tolerance, because the errors of contacts add up
 cdef double TOO_STEEP = 1e30  # weighted sum of squares of one order's coefficients; above it, the explicit pair is used
 
 
@@ -23,7 +23,7 @@ cdef void expand(const Piece *now, Work *work) noexcept nogil:
 
 
 cdef double longest_by_series(const Piece *now, const Work *work) noexcept nogil:
-    """Return the step with the allowed truncation error, if coefficients decay as radius^-order; 0: too steep."""
+    """Return the step with the allowed truncation error, if coefficients decay as radius^-order; 0 above TOO_STEEP."""
     cdef float inverse_radius = -7.0  # log(1 / radius); at least -7, because the last orders can be 0 or underflow
     cdef double[PLACES] weight
     cdef double squares, left_out = min(LEFT_OUT * now.tolerance, MOST_LEFT_OUT)

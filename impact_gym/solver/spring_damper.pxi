@@ -1,7 +1,7 @@
 """A SPRING chain: the tool, or tool and robot, as one mass on a spring and damper. Its flights have a formula."""
 
 cdef enum:
-    MOST_BENDS = 300000  # most intervals between zeros of the gap's third derivative in a flight; beyond: STEP_LIMIT
+    MOST_BENDS = 300000  # most intervals between zeros of the gap's third derivative in a flight; with more: STEP_LIMIT
 
 
 cdef struct SpringRates:
@@ -80,7 +80,7 @@ cdef Gap gap_at(const Glide *glide, double time) noexcept nogil:
 
 
 cdef double monotone_zero(const Glide *glide, int order, bint rising, double low, double high) noexcept nogil:
-    """Return the zero of the derivative `order` of the penetration, which must be monotone between `low` and `high`."""
+    """Return the zero of the penetration's derivative `order`; this must be monotone between `low` and `high`."""
     cdef Gap gap
     cdef double following, time = 0.5 * (low + high)
     for _ in range(100):
@@ -121,7 +121,7 @@ cdef double inflection_time(const Glide *glide, double after, const Gap *gap) no
 
 
 cdef double within_reach(const Glide *glide, double now) noexcept nogil:
-    """Return a time (s) before which no touch is possible (inf: never), by |z| <= hypot(z, z' / omega) at `now`."""
+    """Return a time (s) before which no touch is possible, inf: never; later |z| <= hypot(z, z' / omega) at `now`."""
     cdef double gap, swing, closed, z = glide.position, z_dot = glide.velocity
     if now > 0.0:
         z, z_dot = free_decay(glide.frequency, glide.damping_ratio, z, z_dot, now)

@@ -123,7 +123,7 @@ cdef struct ContactRow:
     double approach_velocity, separation_velocity  # m/s
     double peak_force  # N
     double impulse  # N s, of the contact force on the object
-    double object_velocity  # m/s, at the end of the contact
+    double object_velocity  # m/s, at the end of the contact or of the run
     double coupling_impulse  # N s, on the tool (paper, eq. 21)
     double momentum_error  # -, ratio of the residual of the momentum balance (paper, eq. 20) to `impulse`
 
@@ -157,7 +157,7 @@ cdef extern from "solver/taylor.h" nogil:
 
 cdef enum:
     WIDTH = 10  # number of components of the longest scaled state, that of an INTEGRATED chain
-    KEPT = 8  # most stages kept: rates of stages 5 to 11 of an explicit step (dense output), or 8 of a stiff step
+    KEPT = 8  # most stages kept: 7 rates of an explicit step, for dense output, or 8 stages of a stiff step
 
 
 cdef struct Work:  # work arrays of the integrator

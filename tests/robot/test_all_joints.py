@@ -73,7 +73,7 @@ def test_good_servo_is_nearly_an_imposed_motion_and_a_bad_servo_has_a_status(tmp
     weak = run(motion=ig.Trapezoid(0.5, 50.0), servo=all_joints.Servo(0.5, 1.0, 0.02, 0.0))  # stable, but 20 ms late
     unstable = [run(servo=all_joints.Servo(*numbers)) for numbers in ((5e3, 1.0, 2e-3), (100.0, 1.0, 0.1))]
     for lost in (weak, *unstable):
-        assert lost.status.startswith("the servo does not hold the arm on its line: a joint is")
+        assert lost.status.startswith("the servo does not hold the arm on its line: a motor is")
         assert np.isfinite([lost.object_velocity, lost.peak_force, lost.impulse, lost.sideways]).all()
 
 
