@@ -4,6 +4,7 @@ Force and velocity are the solver's at NODES times of each contact, with cubics 
 """
 
 from functools import lru_cache
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -19,25 +20,7 @@ RTOL = 1e-10
 NODES = 100  # in a contact
 FINE, LARGEST_GRID = 1500, 100_000  # steps of the filter's grid: in the shortest contact, and at most
 MOTION, SPRING = ig.Trapezoid(1.0, 8.0, ig.Brake()), ig.SpringDamper(150.0)
-
-SCENE_FILE = """
-title = "Our arm"
-[environment]
-tool_mass = 0.125
-coupling = { type = "SpringDamper", stiffness = 150.0, damping_ratio = 1.0 }
-reaction_delay = [0.012, 0.020]
-[environment.scenario]
-object_mass = 1.0
-contact_stiffness = 1e4
-restitution = 0.8
-distance = 0.2505
-[motion]
-speed = 1.0
-acceleration = 8.0
-brake = { threshold = 1.0, delay = 0.016 }
-[sensor.force]
-rate = 4000.0
-"""
+SCENE_FILE = Path(__file__).with_suffix(".toml").read_text("utf-8")
 
 
 class Blow(NamedTuple):

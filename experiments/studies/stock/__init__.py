@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping
 from functools import partial
 from pathlib import Path
 from pkgutil import resolve_name
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -69,9 +70,8 @@ def trained(algorithm: str, seed: int, settings: dict[str, Any]) -> list[Row]:
     model = kind(env=envs, seed=seed, device="cpu", learning_rate=lambda left: left * rate, **settings)
     rows, evaluations, begun = list[Row](), 0.0, time.process_time()
 
-    class Player:
-        def predict(self, observation: Any, **_: Any) -> Any:
-            return model.predict(envs.normalize_obs(observation), deterministic=True)
+    def predict(observation: Any, **_: Any) -> Any:
+        return model.predict(envs.normalize_obs(observation), deterministic=True)
 
     def evaluate(*_: Any, ended: bool = False) -> bool:
         nonlocal evaluations
@@ -79,7 +79,8 @@ def trained(algorithm: str, seed: int, settings: dict[str, Any]) -> list[Row]:
         seconds = paused - begun - evaluations
         if ended or any(mark <= seconds for mark in MARKS[len(rows) :]):
             mark = "end" if ended else f"{MARKS[len(rows)]} s"
-            rows.append({"mark": mark, "seconds": seconds, "steps": model.num_timesteps, "cost": cost_of(Player())})
+            cost = cost_of(SimpleNamespace(predict=predict))
+            rows.append({"mark": mark, "seconds": seconds, "steps": model.num_timesteps, "cost": cost})
             evaluations += time.process_time() - paused
         return True  # the training goes on
 
