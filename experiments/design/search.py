@@ -171,7 +171,7 @@ def search(
 
 
 def play(candidate: Mapping[str, Any], tolerance: float, name: str, limits: Mapping[str, Any]) -> pl.DataFrame:
-    """Play a candidate on the frozen set `name`; return a row for each scenario.
+    """Play a candidate on the evaluation set `name`; return a row for each scenario.
 
     `candidate` and `limits` have the fields of `Candidate` and `Limits`. In each scenario, each number of the design
     has a relative error of at most `tolerance`. In all rows, `excess` is the `Limits.excess` of all scenarios.
