@@ -151,7 +151,7 @@ class _Lines(io.TextIOBase):
 def progress(title: str, total: int, begun: int = 0) -> "tqdm[Any]":
     """Return a progress bar with `begun` of `total` steps done; the caller updates and closes it.
 
-    On a terminal, the main process redraws the bar. Elsewhere, the bar prints a line about every 30 s.
+    On a terminal, the main process redraws the bar. Elsewhere, an update prints a line, at most every 30 s.
     """
     from tqdm import tqdm
 

@@ -233,7 +233,7 @@ cdef class Rows:
         )
 
     def begin(self, rows, uniforms, fixed):
-        """Begin episodes in `rows` (k, int64); `uniforms` (k, UNIFORMS) and `fixed` (k,), RECORD: see `draw_record`."""
+        """Begin episodes in `rows` (k,); `draw_record` explains `uniforms` (k, UNIFORMS) and `fixed` (k,)."""
         cdef const int64_t *places = <const int64_t *> memory_of(rows)
         cdef const double *uniform = <const double *> memory_of(uniforms)
         cdef const Record *given = <const Record *> memory_of(fixed)

@@ -102,7 +102,7 @@ class Setup:
         return SHIPPED.parent if self.shipped else Path("runs") / self.name
 
     def describes(self, task: Task) -> bool:
-        """Whether a task equals the set-up's task in SET_UP_ARGUMENTS."""
+        """Whether a task and the set-up's task have equal values of all arguments in SET_UP_ARGUMENTS."""
         return not {*self.task.differs_in(task)} & {*SET_UP_ARGUMENTS}
 
 

@@ -30,7 +30,7 @@ def alone(contact: ig.Contact, speed: float) -> tuple[float, float]:
 
 def solref(contact: ig.Contact, speed: float) -> tuple[float, float]:
     """Stiffness (1/s^2) and damping (1/s) that give the restitution and duration of `contact` at a speed (m/s)."""
-    zeta = damping_factor("exact", contact.restitution, 1.0, 0.0) / 2  # damping ratio, without tensile contact force
+    zeta = damping_factor("exact", contact.restitution, 1.0, 0.0) / 2  # damping ratio; the contact never pulls
     angle = acos(zeta) / sqrt(1 - zeta**2) if zeta < 1 else acosh(zeta) / sqrt(zeta**2 - 1)
     omega = 2 * angle / alone(contact, speed)[0]
     return omega**2, 2 * zeta * omega

@@ -49,8 +49,9 @@ class Limits:
     def excess(self, played: Episodes, travel: Travel, count: int = 1, pad: Pad | None = None) -> Floats:
         """Return for each candidate (count,) the sum of (value / limit - 1) over all exceeded limits.
 
-        `played` and `travel` have equally many episodes of each candidate, in order. `touched_once` limits the share of
-        scenarios with several contacts. A `pad` limits the penetration to half the radius (validity of Hertz's law).
+        `played` and `travel` list the same number of episodes for each candidate, candidate by candidate.
+        `touched_once` limits the share of scenarios with several contacts. A `pad` limits the penetration to half the
+        radius (validity of Hertz's law).
         """
         peak = np.quantile(played.peak_force.reshape(count, -1), WITHIN, axis=1)
         repeated = None if self.touched_once is None else max(1.0 - self.touched_once, 1e-3)

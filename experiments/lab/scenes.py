@@ -7,7 +7,7 @@ TOOL_MASS = 0.125  # kg
 OBJECT_MASS = 0.25  # kg
 HEAVY_MASS = 2.5  # kg, the object of Fig. 14
 REDUCED_MASS = TOOL_MASS * OBJECT_MASS / (TOOL_MASS + OBJECT_MASS)  # kg
-DISTANCE = 0.2505  # m, from tool to object; identified from the time of the first contact, 0.313 s
+DISTANCE = 0.2505  # m, from tool to object; identified from Fig. 5, where the damping force changes sign at 0.321 s
 THRESHOLD = 1.0  # N, contact force above which the robot brakes; printed in section 3.2
 BRAKE = ig.Brake(threshold=THRESHOLD, delay=0.016, deceleration=8.0)
 MOTION = ig.Trapezoid(speed=1.0, acceleration=8.0, brake=BRAKE)

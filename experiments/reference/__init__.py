@@ -31,7 +31,7 @@ class Reference:
     detection_time: float | None  # s; None: no brake, or its threshold was never exceeded
     contacts: tuple[ContactRecord, ...]
     coupling_impulse: float  # N s, impulse of the coupling on the tool during the contacts (paper, eq. 21)
-    snap_through: tuple[float, ...]  # s, times at which the slider of a bistable coupling passes its alignment
+    snap_through: tuple[float, ...]  # s, times when a mechanism's spring is perpendicular to the slider's path
     object_position: float  # position of the object's face; 0 is the position of the tool's face at the start
     tool_position: float  # position of the tool's face
     flange_position: float  # 0 at the start

@@ -112,7 +112,7 @@ def parse(
             raise ValueError(f"the scene's file must have a table [{name}], got {shown(content.get(name))}")
     for name in free:
         if name not in PLACES and not name.startswith(("coupling.", "robot.")):
-            raise ValueError(f"free: {name} is not a number of a set-up; use {', '.join(PLACES)}, coupling.*, robot.*")
+            raise ValueError(f"free: {name} cannot be fitted; use {', '.join(PLACES)}, coupling.*, robot.*")
     task = Task.of("environment", content["environment"])
     paths = {place.removeprefix("scenario."): path for path, place in PLACES.items()}
     for name, (low, high) in task.ranges.items():

@@ -198,7 +198,7 @@ def _is_vague(fit: Fit) -> bool:
 def _refit(fit: Fit, i: int, u: float, near: Point) -> Point:
     """Return a fit with x[i] = `u`, started near `near`; raise _BetterError if it is clearly the best fit so far."""
     points = []
-    # first start at `near` moved along `valley`; if this fit is not good, start at `near` with only x[i] changed
+    # first move all of `near` along `valley` until x[i] = u; if the misfit is above the limit, change only x[i]
     for along in (fit.valley[:, i] / fit.valley[i, i], np.zeros_like(near.x)):
         start = near.x + along * (u - near.x[i])
         start[i] = u

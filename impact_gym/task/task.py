@@ -161,7 +161,7 @@ class Task:
         return Task(**arguments)
 
     def _parts(self, name: str) -> dict[str, Any]:
-        """Return the fields, except None, of the record in the argument `name`. Fields of a mapping stay as given."""
+        """Return the fields that are not None of a record, such as a coupling, that is the argument `name`."""
         given = self._given.get(name)
         parts = asdict(getattr(self, name)) | (dict(given) if isinstance(given, Mapping) else {})
         return {part: value for part, value in parts.items() if part != "type" and value is not None}

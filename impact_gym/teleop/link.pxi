@@ -4,8 +4,8 @@ cdef double WITHDRAWAL = 0.3  # m/s, fastest withdrawal of the flange by the ass
 cdef double FADE = 0.1  # s, time in which a withdrawal falls to 0
 FASTEST_WITHDRAWAL, WITHDRAWAL_FADE = WITHDRAWAL, FADE
 cdef double IDLE = 0.3  # s; the operator has finished if the newest command that arrived has been 0 again for this time
-cdef double BESIDE = 5e-3  # m, largest gap or penetration at which a tool counts as finished
-cdef double STANDING = 0.01  # m/s, largest imposed speed at which a tool counts as finished
+cdef double BESIDE = 5e-3  # m, largest gap or penetration at which the tool has finished, see `task_done`
+cdef double STANDING = 0.01  # m/s, largest imposed speed at which the tool has finished, see `task_done`
 
 
 cdef void begin_link(Row *row) noexcept nogil:

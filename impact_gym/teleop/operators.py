@@ -73,7 +73,7 @@ class Reach(Searcher):
 
     The peak velocity is 1.875 times the mean velocity, and at most `speed`. The duration of the motion is multiplied by
     1 + `lag_slope` x (sum of the channels' mean delays), 1.64 at 225 ms (MacKenzie and Ware 1993, CHI '93, 488-493).
-    Motor noise is proportional to the control signal, and is filtered by two lags of 40 ms (Todorov 2005, as in
+    Motor noise is proportional to the control signal; the noise is filtered by two lags of 40 ms (Todorov 2005, as in
     RothkopfLab/inverse-optimal-control).
     """
 
