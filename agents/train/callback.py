@@ -1,4 +1,4 @@
-"""A callback that validates, logs, and saves policies and checkpoints, between rollouts and at the end of a training."""
+"""A callback that validates, logs, and saves policies and checkpoints, between rollouts and after the training."""
 
 import csv
 import io
