@@ -15,7 +15,7 @@ from pathlib import Path
 
 from agents.jobs import JobsFailedError, cached
 from impact_gym.files import whole_file
-from tests.mutants.edits import Edit, mutants
+from tests.mutants.edits import Edit, code, mutants
 from tests.mutants.trial import ROOT, SECONDS, SURVIVED, trial
 
 TABLE = tomllib.loads((Path(__file__).parent / "mutants.toml").read_text("utf-8"))
@@ -89,8 +89,7 @@ def verdict(edit, reason):
         return "killed", ""
     if SURVIVED not in reason:
         return "no mutant", reason
-    before, after = (text.split("  #")[0].strip() for text in (edit.before, edit.after))
-    entry = REASONS.get((edit.file, before, after), {"kind": "unexplained", "why": reason})
+    entry = REASONS.get((edit.file, code(edit.before), code(edit.after)), {"kind": "unexplained", "why": reason})
     return entry["kind"], entry["why"]
 
 

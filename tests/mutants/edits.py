@@ -1,7 +1,7 @@
 """A sample of small edits: of Python by Cosmic Ray's operators, of Cython token by token.
 
-The key of an edit is a hash of its file, of the text of its line and of the change. The sample has first the keys in
-`sample.json`, then the smallest ones. So a change of a file replaces only the edits of the lines that it changes.
+The key of an edit is a hash of its file, of the code of its line (without a comment) and of the change. The sample has
+first the keys in `sample.json`, then the smallest. So a change of a file replaces only the edits of the changed lines.
 """
 
 import io
@@ -59,11 +59,16 @@ def mutants(where, left_out):
         yield from (possible[key]() for key in ranked[: min(MOST, round(SHARE * len(possible) ** 0.5))])
 
 
+def code(text):
+    """Text without a comment, and without white space at both ends."""
+    return text.split("  #")[0].strip()
+
+
 def keyed(file, edits):
     """Functions that return an edit, by key; `edits` are tuples of the line, a word for the change and the function."""
     by_key, alike = {}, Counter()
     for line, word, edit in edits:
-        what = f"{file}|{word}|{line.strip()}"
+        what = f"{file}|{code(word)}|{code(line)}"
         by_key[f"{zlib.crc32(f'{what}|{alike[what]}'.encode()):08x}"] = edit
         alike[what] += 1
     return by_key
