@@ -1,12 +1,12 @@
-"""The paper's rule in a plain Gymnasium loop: move at 1 m/s, and stop when the alarm reports a contact."""
+"""The paper's rule in a plain Gymnasium loop: move at 1 m/s, stop at the alarm."""
 
 import gymnasium as gym
 import numpy as np
 
 import impact_gym  # noqa: F401  # registers the environments
 
-GO = np.array([0.5, -5 / 19], np.float32)  # action: velocity 1 m/s, acceleration 8 m/s^2
-STOP = np.array([-0.5, -5 / 19], np.float32)  # action: velocity 0 m/s, acceleration 8 m/s^2
+GO = np.array([0.5, -5 / 19], np.float32)  # action: to 1 m/s, at 8 m/s^2
+STOP = np.array([-0.5, -5 / 19], np.float32)  # action: to 0 m/s, at 8 m/s^2
 ALARM = 3  # index of the alarm in the observation
 
 env = gym.make("ImpactApproach-v0")

@@ -14,7 +14,7 @@ torch.set_num_threads(1)  # the network is small: more threads make the training
 
 
 def mean_return() -> float:
-    """Return the mean return (m/s) of 500 episodes, in scenarios that the training does not use."""
+    """Mean return (m/s) of 500 episodes in scenarios that the training does not use."""
     test = VecMonitor(ImpactVecEnv(500, scenario="test"))
     test.seed(1_000_000)
     return float(evaluate_policy(model, test, n_eval_episodes=500)[0])

@@ -5,7 +5,7 @@ import numpy as np
 
 import impact_gym  # noqa: F401  # registers the environments
 
-GO, STOP = np.float32([[0.5, -5 / 19], [-0.5, -5 / 19]])  # actions: velocity 1 or 0 m/s, acceleration 8 m/s^2
+GO, STOP = np.float32([[0.5, -5 / 19], [-0.5, -5 / 19]])  # to 1 or 0 m/s, at 8 m/s^2
 ALARM = 3  # index of the alarm in the observation
 
 envs = gym.make_vec("ImpactApproach-v0", num_envs=1000)
@@ -14,7 +14,7 @@ time, velocity = np.full((2, envs.num_envs), np.nan)
 while np.isnan(time).any():
     actions = np.where(observations[:, [ALARM]] > 0, STOP, GO)
     observations, rewards, terminated, truncated, infos = envs.step(actions)
-    first = terminated & np.isnan(time)  # environments whose first episode has just ended
+    first = terminated & np.isnan(time)  # where the first episode has just ended
     if first.any():
         time[first] = infos["approach_time"][first]
         velocity[first] = infos["object_velocity"][first]
