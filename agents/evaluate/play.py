@@ -26,7 +26,7 @@ from agents.baselines import Clairvoyant, RandomActions
 from agents.baselines.rule import Rule
 from agents.baselines.tuned import load_baseline, tuned_rule
 from agents.evaluate.scenario_batch import MEASURED, ScenarioBatch
-from agents.policies import Controller, Ensemble
+from agents.policies import Controller, Ensemble, Policy
 from agents.policies.policy import FORMAT
 from impact_gym.task import ScenarioRanges, Task, evaluation_sets
 from impact_gym.task.evaluation_sets import EvaluationSet
@@ -112,6 +112,11 @@ def controller_of(spec: Mapping[str, Any], time_weight: float, task: Task | None
     return controller
 
 
+@lru_cache(maxsize=64)
+def _policy(content: str) -> Policy:
+    return Ensemble.unpacked(*unpacked(base64.b64decode(content), FORMAT))[None]
+
+
 def _object(name: str) -> Controller:
     module, colon, attribute = name.partition(":")
     if not (module and colon and attribute):
@@ -127,9 +132,7 @@ def _object(name: str) -> Controller:
 
 
 KINDS: Mapping[str, Callable[[Any, float], Controller]] = {
-    "policy": lru_cache(maxsize=64)(
-        lambda content, _: Ensemble.unpacked(*unpacked(base64.b64decode(content), FORMAT))[None]
-    ),
+    "policy": lambda content, _: _policy(content),
     "baseline": load_baseline,
     "tuned": lambda content, weight: tuned_rule(content).at(weight),
     "clairvoyant": lambda by_weight, weight: Clairvoyant(by_weight[f"{weight:g}"]),
