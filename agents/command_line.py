@@ -87,7 +87,7 @@ def joined(text: str | Callable[[], str | None] | None) -> str | None:
 
 @contextmanager
 def command_line(name: str, after: str = "the same command continues") -> Iterator[None]:
-    """Exit at an OSError, RuntimeError or ValueError with its message; print a warning once; `after`: how to resume."""
+    """Exit with the message of an expected error; print each warning once; `after`: how to resume."""
     said = set[str]()
 
     def show(message: Warning | str, *_: object, **__: object) -> None:
@@ -103,6 +103,8 @@ def command_line(name: str, after: str = "the same command continues") -> Iterat
         sys.exit(f"impact-gym {name}: {error}; make room: {after}")
     except (OSError, RuntimeError, ValueError) as error:
         sys.exit(f"impact-gym {name}: {error}")
+    except ModuleNotFoundError as error:
+        sys.exit(f"impact-gym {name}: {error}: run make setup, or pip install 'impact-gym[train,report,zoo]'")
     except KeyboardInterrupt:
         print(f"impact-gym {name}: interrupted; {after}", file=sys.stderr)
         sys.exit(130)

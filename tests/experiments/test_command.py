@@ -104,6 +104,8 @@ def test_command_of_options_is_read_into_the_same_options(name, options):
 def test_command_line_says_in_one_line_what_went_wrong(capsys):
     with pytest.raises(SystemExit, match=r"impact-gym tune: no such thing$"), command_line("tune"):
         raise ValueError("no such thing")
+    with pytest.raises(SystemExit, match=r"tune: .*yaml.*pip install 'impact-gym\[train"), command_line("tune"):
+        version("no-package-yaml")
     with pytest.raises(SystemExit, match="130"), command_line("tune"):
         raise KeyboardInterrupt
     assert capsys.readouterr().err == "impact-gym tune: interrupted; the same command continues\n"
