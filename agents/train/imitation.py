@@ -21,10 +21,7 @@ class Teacher:
     """A baseline to imitate, with the tuned parameters that have the lowest cost at each episode's time weight."""
 
     def __init__(self, setup: Setup, name: str, privileged: bool = True) -> None:
-        """Make a teacher from one of FIXED, a tuned baseline of the set-up, or a shipped tuned baseline.
-
-        `privileged`: whether the observations that the teacher gets are privileged.
-        """
+        """Make a teacher from one of FIXED, or a tuned baseline, of the set-up or shipped; `privileged`: see `Task`."""
         rules, means, self.checksum = [FIXED[name]()] if name in FIXED else [], [(0.0, 0.0)], name
         if not rules:
             content = read_tuned(name, setup=setup)

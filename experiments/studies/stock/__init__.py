@@ -19,19 +19,16 @@ from matplotlib.figure import Figure
 from agents.baselines.tuned import load_baseline
 from agents.evaluate.scenario_batch import ScenarioBatch
 from agents.policies import load_policy
-from experiments.lab import grid
 from experiments.lab.charts import OTHERS, SERIES
 from experiments.lab.parts import Picture, Section, Table
 from experiments.lab.study import Cell, Findings, Frames, Measurement, Row, Study
 
-ALGORITHMS = {
-    "ppo": "stable_baselines3:PPO", "sac": "stable_baselines3:SAC", "td3": "stable_baselines3:TD3",
-    "tqc": "sb3_contrib:TQC", "crossq": "sb3_contrib:CrossQ",
+ALGORITHMS = {  # class, and number of trainings
+    "ppo": ("stable_baselines3:PPO", 5), "sac": ("stable_baselines3:SAC", 5), "td3": ("stable_baselines3:TD3", 2),
+    "tqc": ("sb3_contrib:TQC", 5), "crossq": ("sb3_contrib:CrossQ", 2),
 }  # fmt: skip
-OTHER = {"paper's rule": "paper-trapezoid", "tuned profile": "blind-profile", "shipped policy": "linear-blind"}
-SEEDS = {"ppo": 5, "sac": 5, "td3": 2, "tqc": 5, "crossq": 2}  # number of trainings of each algorithm
 MARKS = (10, 20, 30, 60, 120, 180, 300, 600)  # s of processor time, without the time of the evaluations
-FIRST_SEED, SCENARIOS, WEIGHT = 41_000_000, 500, 2.0  # of the test scenarios: first seed, number, time weight in m/s^2
+FIRST_SEED, SCENARIOS, WEIGHT = 41_000_000, 500, 2.0  # test scenarios: first seed, number, time weight (m/s per s)
 
 
 def trainings(algorithm: str, quick: bool, _: Frames) -> Iterable[Cell]:
@@ -40,7 +37,7 @@ def trainings(algorithm: str, quick: bool, _: Frames) -> Iterable[Cell]:
 
     settings = yaml.safe_load(Path(__file__).with_name(f"{algorithm}.yml").read_text())["default"]
     settings["n_timesteps"] = round(settings["n_timesteps"] * (0.02 if quick else 1.0))
-    for seed in range(2 if quick else SEEDS[algorithm]):
+    for seed in range(2 if quick else ALGORITHMS[algorithm][1]):
         yield Cell({"algorithm": algorithm, "seed": seed}, {"algorithm": algorithm, "seed": seed, "settings": settings})
 
 
@@ -64,12 +61,11 @@ def trained(algorithm: str, seed: int, settings: dict[str, Any]) -> list[Row]:
     if settings.pop("noise_type", None):
         mean = np.zeros(envs.action_space.shape or ())
         settings["action_noise"] = NormalActionNoise(mean, mean + settings.pop("noise_std"))
-    kind = resolve_name(ALGORITHMS[algorithm])
+    kind = resolve_name(ALGORITHMS[algorithm][0])
     model = kind(env=envs, seed=seed, device="cpu", learning_rate=lambda left: left * rate, **settings)
     rows, evaluations, begun = list[Row](), 0.0, time.process_time()
 
-    def predict(observation: Any, **_: Any) -> Any:
-        return model.predict(envs.normalize_obs(observation), deterministic=True)
+    player = SimpleNamespace(predict=lambda seen, **_: model.predict(envs.normalize_obs(seen), deterministic=True))
 
     def evaluate(*_: Any, ended: bool = False) -> bool:
         nonlocal evaluations
@@ -77,8 +73,7 @@ def trained(algorithm: str, seed: int, settings: dict[str, Any]) -> list[Row]:
         seconds = paused - begun - evaluations
         if ended or any(mark <= seconds for mark in MARKS[len(rows) :]):
             mark = "end" if ended else f"{MARKS[len(rows)]} s"
-            cost = cost_of(SimpleNamespace(predict=predict))
-            rows.append({"mark": mark, "seconds": seconds, "steps": model.num_timesteps, "cost": cost})
+            rows.append({"mark": mark, "seconds": seconds, "steps": model.num_timesteps, "cost": cost_of(player)})
             evaluations += time.process_time() - paused
         return True  # the training goes on
 
@@ -87,32 +82,25 @@ def trained(algorithm: str, seed: int, settings: dict[str, Any]) -> list[Row]:
     return rows
 
 
-def others(*_: Any) -> Iterable[Cell]:
-    """Yield a cell for each controller to compare with."""
-    return (Cell({"controller": words}, {"name": name}) for words, name in OTHER.items())
+def other_costs() -> list[Row]:
+    """Return the costs of the controllers to compare with."""
+    rule, profile = (load_baseline(name, WEIGHT) for name in ("paper-trapezoid", "blind-profile"))
+    compared = {"paper's rule": rule, "tuned profile": profile, "shipped policy": load_policy("linear-blind")}
+    return [{"controller": words, "cost": cost_of(controller)} for words, controller in compared.items()]
 
 
-def other_cost(name: str) -> list[Row]:
-    """Return the cost of a shipped policy or baseline."""
-    policy = name == "linear-blind"
-    return [{"cost": cost_of(load_policy(name) if policy else load_baseline(name, WEIGHT))}]
-
-
-def chart(frame: pl.DataFrame, costs: Mapping[str, float]) -> Figure:
+def chart(found: pl.DataFrame, costs: Mapping[str, float]) -> Figure:
     """Return a figure of cost over time: median, and range over the seeds; other controllers as horizontal lines."""
     figure = Figure(figsize=(8.0, 4.6))
     axes = figure.subplots()
-    for algorithm, colour in zip(ALGORITHMS, (SERIES[1], SERIES[3], SERIES[4], SERIES[5], OTHERS), strict=False):
-        rows = frame.filter(algorithm=algorithm).group_by("mark")
-        spread = [pl.median("cost").alias("median"), pl.min("cost").alias("low"), pl.max("cost").alias("high")]
-        found = rows.agg(pl.median("seconds"), *spread).sort("seconds")
-        axes.plot(found["seconds"], found["median"], "o-", color=colour, label=algorithm.upper(), markersize=4)
-        axes.fill_between(found["seconds"], found["low"], found["high"], color=colour, alpha=0.12, linewidth=0.0)
+    for algorithm, colour in zip(ALGORITHMS, (SERIES[1], *SERIES[3:], OTHERS), strict=True):
+        rows = found.filter(algorithm=algorithm)
+        axes.plot(rows["seconds"], rows["median"], "o-", color=colour, label=algorithm.upper(), markersize=4)
+        axes.fill_between(rows["seconds"], rows["low"], rows["high"], color=colour, alpha=0.12, linewidth=0.0)
     for (words, cost), style in zip(costs.items(), ("--", "-", ":"), strict=True):
         axes.axhline(cost, color=SERIES[0], linestyle=style, linewidth=1.2, label=words)
     axes.set(xscale="log", xlabel="processor time of the training (s)", ylabel="cost (m/s)", ylim=(0.8, 1.6))
     axes.set_xticks(MARKS, map(str, MARKS))
-    axes.minorticks_off()
     axes.legend(fontsize=8, ncols=2)
     return figure
 
@@ -120,22 +108,17 @@ def chart(frame: pl.DataFrame, costs: Mapping[str, float]) -> Figure:
 def analyse(frames: Frames, _: bool) -> Findings:
     """Compare the algorithms at each mark."""
     frame = pl.concat([frames[algorithm] for algorithm in ALGORITHMS], how="diagonal_relaxed")
-    costs = dict(frames["others"].select("controller", "cost").iter_rows())
-    groups = {key: rows["cost"].to_numpy() for key, rows in grid.groups(frame, "algorithm", "mark")}
-    marks = [mark for mark in (*(f"{mark} s" for mark in MARKS), "end") if any(mark in key for key in groups)]
-    medians = {key: float(np.median(values)) for key, values in groups.items()}
-    cells = {key: f"{medians[key]:.3f} [{values.min():.3f}, {values.max():.3f}]" for key, values in groups.items()}
-    ends = dict(frame.filter(mark="end").group_by("algorithm").agg(pl.median("seconds")).iter_rows())
-    rows = [(each.upper(), *(cells.get((each, mark), "-") for mark in marks), f"{ends[each]:.0f}",
-             f"{frames[each]['seed'].n_unique()}") for each in ALGORITHMS]  # fmt: skip
-    best = min(ALGORITHMS, key=lambda name: medians[name, "end"])
-    caption = "Cost in m/s after each processor time: median [least, largest] of all trainings of the algorithm"
-    table = Table(caption, ("Algorithm", *marks, "end after (s)", "trainings"), rows)
-    text = ", ".join(f"{words} {cost:.3f}" for words, cost in costs.items())
-    answer = (f"{best.upper()} has the lowest median cost at the end of the training, {medians[best, 'end']:.3f} m/s "
-              f"(for comparison, {text} m/s).")  # fmt: skip
-    alternative = "cost over the processor time of the training, for each algorithm"
-    return Findings(answer, [Section("Trainings", [Picture("stock_agents", chart(frame, costs), alternative), table])])
+    groups, cost = frame.group_by("algorithm", "mark", maintain_order=True), pl.col("cost")
+    found = groups.agg(pl.median("seconds"), median=cost.median(), low=cost.min(), high=cost.max(), count=pl.len())
+    columns = {"Algorithm": "{algorithm}", "at": "{mark}", "processor time (s)": "{seconds:.0f}",
+               "cost (m/s)": "{median:.3f} [{low:.3f}, {high:.3f}]", "trainings": "{count}"}  # fmt: skip
+    table = Table.of("Median [least, largest] cost of the trainings at each mark and at the end", found, columns)
+    costs = dict(frames["others"].iter_rows())
+    best, least = found.filter(mark="end").sort("median").select("algorithm", "median").row(0)
+    answer = (f"{best.upper()} has the lowest median cost at the end of the training, {least:.3f} "
+              f"m/s; {', '.join(f'{words}: {value:.3f} m/s' for words, value in costs.items())}.")  # fmt: skip
+    picture = Picture("stock_agents", chart(found, costs), "cost of each algorithm over the training's processor time")
+    return Findings(answer, [Section("Trainings", [picture, table])])
 
 
 DEPENDS = ("impact_gym", "agents.evaluate", "agents.baselines", "agents.policies")
@@ -144,7 +127,7 @@ STUDY = Study(
     "How good is a policy after 1, 3, 10 minutes of training with stable-baselines3?",
     (
         *(Measurement(each, partial(trainings, each), trained, DEPENDS) for each in ALGORITHMS),
-        Measurement("others", others, other_cost, DEPENDS),
+        Measurement("others", lambda *_: [Cell({}, {})], other_costs, DEPENDS),
     ),
     analyse,
     packages=("torch", "stable-baselines3", "sb3-contrib"),
