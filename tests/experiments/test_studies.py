@@ -120,12 +120,16 @@ def true_solution(approach):
 
 
 @pytest.mark.parametrize("approach", NAMED)
-def test_heyoka_solves_a_named_approach_as_the_slow_solver_does(approach):
-    pytest.importorskip(PEER)
-    truth = true_solution(NAMED[approach])
-    solution, _ = contenders.solved(NAMED[approach], PEER, 1e-10)
-    assert contenders.failure(solution, truth, 1e-7) == ""
-    assert solution.detection_time == pytest.approx(truth.detection_time, abs=1e-9)
+def test_a_solution_with_34_digits_confirms_the_truth_and_every_contender(approach):
+    number = getattr(pytest.importorskip(PEER), "real128", None) or pytest.skip(
+        "heyoka has no numbers of 34 digits here"
+    )
+    exact, truth = taylor.Run(*NAMED[approach].run, 1e-30, number).solve(), true_solution(NAMED[approach])
+    assert truth.velocity == pytest.approx(float(exact.velocity), rel=0.0, abs=1e-12)
+    for name, setting, error in ((OURS, 1e-13, 1e-14), (PEER, 1e-10, 1e-7)):
+        solution, _ = contenders.solved(NAMED[approach], name, setting)
+        assert contenders.failure(solution, exact, error) == ""
+        assert solution.detection_time == pytest.approx(float(exact.detection_time), rel=0.0, abs=1e-9)
 
 
 def test_a_rival_that_is_missing_or_fails_is_a_row_that_says_so(monkeypatch):

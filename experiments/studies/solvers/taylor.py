@@ -39,7 +39,7 @@ def law_of(scene: ig.Scene) -> dict[str, float]:
 
 
 @cache
-def integrator(kind: str, touching: bool, tolerance: float) -> tuple[Any, dict[int, str]]:
+def integrator(kind: str, touching: bool, tolerance: float, number: Any) -> tuple[Any, dict[int, str]]:
     """Compile flight or contact for the coupling class `kind`; return heyoka's integrator and the names of its events.
 
     s is the square root of the penetration (in flight the penetration), w the rate of the penetration, v the object's
@@ -78,23 +78,27 @@ def integrator(kind: str, touching: bool, tolerance: float) -> tuple[Any, dict[i
         events += [("rear_on", rising, rear - x), ("rear_on", both, rear_force)]
     derivatives = s_dot, w_dot, rate * unit * F / m_p, rate, y_dot, q_dot
     made = hy.taylor_adaptive(
-        [*zip(symbols, derivatives, strict=True)], [0.0] * len(STATE), tol=tolerance,
-        t_events=[hy.t_event(gauge, direction=direction) for _, direction, gauge in events],
+        [*zip(symbols, derivatives, strict=True)], [number(0.0)] * len(STATE), tol=number(tolerance), fp_type=number,
+        t_events=[hy.t_event(gauge, direction=direction, fp_type=number) for _, direction, gauge in events],
     )  # fmt: skip
     names = {-1 - place: name for place, (name, _, _) in enumerate(events)}
     return made, names | {int(hy.taylor_outcome.time_limit): "cut"}
 
 
 class Run:
-    """One approach, integrated at a tolerance. The first run of a coupling class at a tolerance compiles."""
+    """One approach, integrated at a tolerance. The first run of a coupling class at a tolerance compiles.
 
-    def __init__(self, scene: ig.Scene, motion: ig.Trapezoid, duration: float, tolerance: float) -> None:
+    `number` is the type of heyoka's numbers: float, or `heyoka.real128` with 34 digits.
+    """
+
+    def __init__(
+        self, scene: ig.Scene, motion: ig.Trapezoid, duration: float, tolerance: float, number: Any = float
+    ) -> None:
         assert motion.brake is not None
-        self.brake, self.motion = motion.brake, motion
+        self.brake, self.motion, self.number = motion.brake, motion, number
         self.distance, self.duration = scene.object.distance, duration
-        self.integrators = [
-            integrator(type(scene.coupling).__name__, touching, tolerance) for touching in (False, True)
-        ]
+        kind = type(scene.coupling).__name__
+        self.integrators = [integrator(kind, touching, tolerance, number) for touching in (False, True)]
         m_t, m_p = scene.tool.mass, scene.object.mass
         self.M = m_p if isinstance(scene.coupling, ig.Rigid) else m_t * m_p / (m_t + m_p)  # kg, reduced mass
         numbers = (motion.acceleration, 0.0, 1.0 / self.brake.threshold, 1.0, 1.0, 1.0, 1.0, 0.0)
@@ -124,13 +128,15 @@ class Run:
     def _move(self, touching: bool, begun: float, state: list[float]) -> tuple[float, list[float]]:
         (made, events), par = self.integrators[touching], self.par
         unit, event = par["length"] / par["speed"], ""
-        made.time, made.state[:] = 0.0, state
+        made.time, made.state[:] = self.number(0.0), [*map(self.number, state)]
         made.reset_cooldowns()
         while self.changes and event != "touching":
             par["cut"] = (self.changes[0][0] - begun) / unit
+            values = [*map(self.number, par.values())][: len(made.pars)]
+            longest = self.number(FOREVER if touching else par["cut"] - state[3])
             started = process_time()
-            made.pars[:] = [*par.values()][: len(made.pars)]
-            event = events[int(made.propagate_for(FOREVER if touching else par["cut"] - state[3])[0])]
+            made.pars[:] = values
+            event = events[int(made.propagate_for(longest)[0])]
             state = made.state.tolist()
             self.seconds += process_time() - started
             self._note(event, begun + unit * state[3], state, touching)
