@@ -35,7 +35,7 @@ def minimise(
     import cma  # imported here, so that playing a rule does not need the package
 
     low, high, start = np.array([(each.low, each.high, each.start) for each in parameters]).T
-    searches: list[Any] = []
+    width, searches = high - low, list[Any]()
     for problem in range(problems):
         rng = np.random.default_rng((seed, problem))
         options = {
@@ -46,20 +46,16 @@ def minimise(
             "tolfun": 1e-5,  # m/s; a search stops when the losses of its recent candidates differ by less than this
             "verbose": -9,
         }
-        searches.append(cma.CMAEvolutionStrategy((start - low) / (high - low), SIGMA, options))
-
-    def within_limits(shares: Any) -> Floats:
-        return np.clip(low + np.clip(shares, 0.0, 1.0) * (high - low), low, high)  # a rounded sum may exceed a limit
-
+        searches.append(cma.CMAEvolutionStrategy((start - low) / width, SIGMA, options))
     generation = 0
     while generation < generations and not all(search.stop() for search in searches):
         generation += 1
         shares = [search.ask() for search in searches]
-        values = losses(within_limits(np.moveaxis(np.array(shares), 0, 1)))
+        values = losses(np.clip(low + width * np.moveaxis(np.array(shares), 0, 1), low, high))
         for search, share, value in zip(searches, shares, values.T, strict=True):
             search.tell(share, value.tolist())
-    best = [(search.best.x, search.best.f) for search in searches]
-    return Minimum(within_limits([x for x, _ in best]), np.array([f for _, f in best]), generation)
+    best = low + width * np.array([search.best.x for search in searches])
+    return Minimum(np.clip(best, low, high), np.array([search.best.f for search in searches]), generation)
 
 
 class Jittery(NamedTuple):
