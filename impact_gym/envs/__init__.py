@@ -22,7 +22,7 @@ OBJECTIVES = "objectives:MOImpactApproachEnv", "objectives:MOImpactApproachVecto
 
 
 def of_objectives(name: str) -> str:
-    """Return the id for `name` with a vector reward, such as "mo-impact-approach-v0" for "ImpactApproach-v0"."""
+    """Return the id of `name` with a vector reward: "mo-impact-approach-v0" for "ImpactApproach-v0"."""
     return "mo" + re.sub("[A-Z]", lambda capital: f"-{capital[0].lower()}", name)
 
 

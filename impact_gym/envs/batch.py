@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from impact_gym.render.film import History
 
 ROWS_PER_THREAD = 256
-"""Least number of rows per thread, if several threads are used; with fewer rows, one thread is faster."""
+"""Each of several threads gets at least this number of rows; with fewer rows, one thread is faster."""
 
 _STATE = (
     "draws", "laws", "chains", "episodes", "readings", "ranges", "links", "packets", "observations", "rewards",
@@ -184,7 +184,7 @@ class Batch:
         self.links["person_command"] = velocities
 
     def get_state(self, **more: Any) -> dict[str, Any]:
-        """Return a copy of the state, with the entries `more`, for `set_state`."""
+        """Return a copy of the state for `set_state`, with the additional entries `more`."""
         state = {name: getattr(self, name).copy() for name in _STATE} | more
         return state | {"sha256": self._digest(state)}
 
@@ -257,7 +257,7 @@ class Batch:
         return np.asarray((self.episodes["terminated"] == 1) | (self.episodes["truncated"] == 1))
 
     def episode_state(self, row: int) -> EpisodeState:
-        """Return the times of the alarm and of the end of the episode in `row`."""
+        """Return the times (s) of detection, alarm and end of the episode in `row`, see `EpisodeState`."""
         task, episode = self.tasks[row % len(self.tasks)], self.episodes[row]
         detection, alarm, over = float(self.chains["detection"][row]), float(episode["last_alarm"]), np.inf
         if task.alarm == "force":

@@ -49,7 +49,7 @@ def numbers_of(tasks: Sequence[Task]) -> dict[str, str]:
 
 
 class Infos:
-    """Layouts of infos, with an index for each name; the methods replace the indices by values."""
+    """Layouts of infos: mappings with an index for each name. The methods replace the indices by values."""
 
     def __init__(self, tasks: Sequence[Task]) -> None:
         """Find where EPISODE holds the numbers; `tasks` has one task for all rows, or one for each row."""
@@ -67,7 +67,7 @@ class Infos:
         return [filled(layout, of_row) for layout, of_row in zip(layouts, values, strict=True)]
 
     def columns(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> dict[str, Any]:
-        """Return the infos of `rows` as arrays (size,) of all numbers that any task draws; 0, False, None elsewhere."""
+        """Return one info of arrays (size,), with the numbers that any task draws; 0, False or None outside `rows`."""
         size, (numbers, others) = len(episodes), self._values(episodes, chains, rows)
         columns = np.zeros((len(numbers), size))
         columns[:, rows] = numbers
@@ -77,7 +77,7 @@ class Infos:
         return filled(self._layout, (*columns, *blank))
 
     def _values(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> tuple[Records, list[Records]]:
-        """Return the values for infos of `rows` (k,): numbers from EPISODE (n, k), then those of OTHERS, each (k,)."""
+        """Return the values for infos of `rows` (k,): numbers (n, k) from EPISODE, and arrays (k,) for OTHERS."""
         numbers = episodes.view(np.float64).reshape(len(episodes), -1)[rows, self._numbers]
         count, status, messages = chains["contacts"][rows], episodes["status"][rows], np.full(len(rows), "ok", object)
         for row in np.flatnonzero(status):

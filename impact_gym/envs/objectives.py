@@ -47,8 +47,8 @@ class MOImpactApproachEnv(ImpactApproachEnv):
     `reward_space` is `Box(-inf, 0, (reward_dim,), float64)`. The first number of a step is minus the step's time (s)
     before the first contact or, with an operator, minus the duration of the whole step (s). The other numbers are 0
     before the step that terminates an episode. In this step the second number is -V_p (m/s), or -`missed_cost` if the
-    object was not touched. With a `force_weight` the third number is minus the largest contact force (N). If V_p is
-    below `missed_cost`, an episode's sums are at least `reference_point`: -horizon, -`missed_cost` and -inf.
+    object was not touched. With a `force_weight` the third number is minus the largest contact force (N). If V_p is at
+    most `missed_cost`, the sums over an episode are at least `reference_point` (-horizon, -`missed_cost`, -inf).
 
     ## Version History
     * v0: first version

@@ -31,7 +31,7 @@ def observation_space(spec: ObservationSpec) -> Space[Any]:
 
 
 def steps_per_second(task: Task) -> int:
-    """Return how many control steps a film shows per second, 1 to 30; if possible, `horizon` then takes about 18 s."""
+    """Return the control steps per second of a film, 1 to 30, so that `horizon` takes about 18 s if possible."""
     return min(max(round(task.horizon / task.control_period / 18.0), 1), 30)
 
 
@@ -76,16 +76,16 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     OBSERVATION_TABLE
 
-    A step lasts one control period, 16 ms. But when the alarm reaches the controller, the step ends at once. The alarm
-    reaches the controller `reaction_delay` after the contact force first exceeds `alarm_threshold`, and stays on. The
-    alarm comes from a switch, so noise and bias of the force readings do not affect the alarm.
+    A step lasts one control period, 16 ms. It ends earlier when the alarm reaches the controller, or when the episode
+    ends. The alarm reaches the controller `reaction_delay` after the contact force first exceeds `alarm_threshold`, and
+    stays on. The alarm comes from a switch, so noise and bias of the force readings do not affect the alarm.
 
     With `alarm="reading"` there is no switch. Each force reading is then the largest force since the previous reading,
     with noise and bias. A reading above `alarm_threshold` raises the alarm for 0.15 s (`after_alarm`). A later reading
     can raise the alarm again. Such an alarm does not shorten a step, and noise can raise a false alarm. The episode
     ends 0.15 s after a switch would have raised the alarm.
 
-    With `range_sensor` the tool carries a proximity sensor, see `RangeSensor`. At every control step the sensor
+    With `range_sensor` the tool carries a proximity sensor, see `RangeSensor`. For every observation, the sensor
     measures the gap to the object. A reading can have noise and a bias, be lost, or arrive late. The controller
     observes the newest reading that has arrived, and its age. Before the first reading has arrived, reading and age are
     inf in `sensors()`, and both are 1 in the observation. The argument `range_noise` adds an estimate of the distance,
@@ -113,7 +113,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     SET_UP_TABLE
 
-    If you draw a number of this second table, the scenario and the other numbers of the table do not change.
+    With the same seed, a draw of a number in this table does not change the scenario or the table's other numbers.
 
     `reset(options=...)` applies to one episode:
 
@@ -125,9 +125,9 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     ## Episode End
     An episode terminates 0.15 s (`after_alarm`) after the alarm. If the object was touched, the flange then brakes to
     rest at the largest acceleration of an action, and the simulation continues for at most 10 s. Without `friction`,
-    the simulation ends when tool and object are apart and cannot touch again; V_p is the object's last velocity. With
-    `friction`, the simulation ends when V_p is final and the tool is slower than 1 mm/s. If contacts are still possible
-    after 10 s, as with an object of several tonnes, `info["status"]` begins with "not settled".
+    the simulation ends when tool and object are apart and cannot touch again. V_p is then the object's last velocity.
+    With `friction`, the simulation ends when V_p is final and the tool is slower than 1 mm/s. If contacts are still
+    possible after 10 s, as with an object of several tonnes, `info["status"]` begins with "not settled".
 
     Without an alarm an episode terminates at 1.2 s (`horizon`). An object that was touched too softly to raise the
     alarm counts as touched. If the object was not touched, the episode is `missed`. An episode also terminates if the
@@ -138,9 +138,9 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     `time_weight`, `reward_terms`, `scenario`, `record` and `status`. `reward_terms` has the terms time, velocity, force
     and missed; their sum is the return. `record` has all drawn numbers. With `friction` the final `info` also has
     `slide` and `rest_time`. `slide` (m) is the distance from the object's first position to its last position.
-    `rest_time` (s) is the time from which the object rests and the tool is slower than 1 mm/s; inf: this time was not
-    reached. The tool is checked once per ms after the flange has stopped, so `rest_time` is never before this stop.
-    During an episode and after a truncation, `env.unwrapped.episode_info()` returns the present values of the entries.
+    `rest_time` (s) is the time from which the object rests and the tool is slower than 1 mm/s; inf if the simulation
+    ended earlier. The tool is checked once per ms after the flange has stopped, so `rest_time` is never before this
+    stop. During an episode and after a truncation, `env.unwrapped.episode_info()` returns the present values.
 
     ## Arguments
     To draw a number of a coupling or robot from a range, give a dict:
@@ -166,9 +166,9 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     ## Version History
     * v0: first version; it may still change until version 0.1.0 of the package is released
 
-    As in Gymnasium, an id gets a higher version number if new results cannot be compared with old results: if a default
-    changes, or if the same seed and actions give other observations, rewards or ends. Differences that `rtol` allows do
-    not count. All ids then get the new version number. An old id raises an error that names the new id.
+    As in Gymnasium, an id gets a higher version number if new results cannot be compared with old ones. This is so if
+    a default changes, or if the same seed and actions give other observations, rewards or ends. Differences that `rtol`
+    allows do not count. All ids then get the new number. An old id raises an error that names the new id.
     """
 
     metadata = {  # noqa: RUF012  # as in gymnasium.Env
@@ -207,7 +207,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self._batch.episode_state(0)
 
     def command(self, velocity: float) -> None:
-        """Let the operator, a `Person`, command `velocity` (m/s) from the next step to the end of the episode."""
+        """Let the operator, a `Person`, command `velocity` (m/s) until the next call or the end of the episode."""
         self._batch.set_operator_velocity(velocity)
 
     def sensors(self) -> dict[str, float]:
@@ -230,7 +230,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if kept == 0:
             raise RuntimeError("make the environment with record_trace=True to read a trace")
         if points > kept:
-            raise RuntimeError(f"the episode has {points} trace points, more than the {kept} that are kept")
+            raise RuntimeError(f"the episode has {points} trace points, more than {kept}: shorten the horizon")
         return self._batch.trace(0)
 
     def reset(

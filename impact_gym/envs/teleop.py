@@ -37,17 +37,16 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     | 1   | acceleration to use for it  | 1     | 20    | m/s^2 |
     | 2   | withdrawal r                | 0     | 0.3   | m/s   |
 
-    Without an alarm r is 0, so v lies between 0 and u. After an alarm r is used for 0.15 s (`after_alarm`), and then
+    Without an alarm r is 0, so v lies between 0 and u. After an alarm, r is used for 0.15 s (`after_alarm`), and then
     reduced to 0 within 0.1 s. If u is 0, or if no newer command has arrived for the `timeout` of the uplink, the flange
     stops at the largest deceleration, 20 m/s^2. If an action is not finite, `step` raises an error, and nothing moves.
 
     ## Observation Space
-    The observation contains the numbers of `ImpactApproach` and, in the rows with 'only with `operator`', four numbers
-    about the operator's commands and the last velocity commanded to the flange.
+    The observation contains the numbers of `ImpactApproach` and five more, in the rows with 'only with `operator`'.
 
     OBSERVATION_TABLE
 
-    A step lasts 16 ms, or less if the contact alarm reaches the controller earlier.
+    A step lasts 16 ms. It ends earlier when the alarm reaches the controller, or at the `horizon`.
 
     ## Reward
     Each step gives `-time_weight` times its duration. If the object was touched, the step that terminates the episode
@@ -56,18 +55,18 @@ class ImpactTeleopEnv(ImpactApproachEnv):
 
     ## Starting State
     The object is 0.2 to 0.8 m ahead. The coefficient of friction on the ground is 0.1 to 0.5. All else is as in
-    `ImpactApproach`. A number in a dict of an operator or a channel may be a pair (low, high): a range for draws.
+    `ImpactApproach`. In a dict of an operator or a channel, a number may be a range (low, high) for draws.
 
     ## Episode End
     An episode terminates in four cases, or if the solver fails. (1) The object has been touched and rests, and the
-    operator's command has been 0 for 0.3 s. (2) The object has been touched and rests, the commanded velocity of the
-    flange is at most 0.01 m/s, and the tool is within 5 mm of the object. (3) The operator has commanded a motion, and
-    then commands 0 for 0.3 s without a touch. (4) The episode has lasted 8 s (`horizon`). If the object was touched,
-    the simulation continues after the last step as in `ImpactApproach` with `friction`.
+    operator's command has been 0 for 0.3 s. (2) The object has been touched and rests, the speed of the flange's
+    commanded motion is at most 0.01 m/s, and the tool is within 5 mm of the object. (3) The operator has commanded a
+    motion, and then commands 0 for 0.3 s without a touch. (4) The episode has lasted 8 s (`horizon`). If the object was
+    touched, the simulation continues after the last step as in `ImpactApproach` with `friction`.
 
     The `info` of each step has `command` (m/s, the newest command that has arrived by the end of the step) and
     `command_age` (s). Three other entries describe the last command that the flange executed in the step.
-    `teleop_action` is u, or 0 if the command was too old; `intervene_action` is v; each is an array (1,) in m/s.
+    `teleop_action` is u, or 0 if the command was too old. `intervene_action` is v. Both are arrays (1,) in m/s.
     `is_intervention` is true if the two arrays differ by more than 1 mm/s. Every step has an `intervene_action`; in the
     library HIL-SERL, only steps with an intervention have it. In a batch, these entries are valid for the environments
     that played in the step. With the autoreset mode SAME_STEP, `final_info` has the entries of a finished episode.

@@ -38,7 +38,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
     - `per_slot`: for each slot a mapping of arguments that differ in this slot. All slots need the same observation.
     - `max_episode_steps`: number of control steps after which an episode is truncated.
 
-    `set_scenario`, `sensors` and `command` are `set_scenario`, `sensors` and `set_operator_velocity` of `Batch`.
+    `set_scenario` and `sensors` are methods of `Batch`, and `command` is its method `set_operator_velocity`.
     """
 
     def __init__(

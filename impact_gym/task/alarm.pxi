@@ -18,7 +18,7 @@ cdef inline void raise_alarm(Episode *episode, double time) noexcept nogil:
 
 
 cdef void update_alarm(Row *row) noexcept nogil:
-    """At the end of a control step, raise the alarm of the switch or end the alarm of a reading, if it is due."""
+    """At the end of a control step, raise the switch's alarm if it is due, or end a reading's alarm if it is over."""
     cdef Episode *episode = row.episode
     if not row.task.alarm_by_reading:
         if row.chain.time >= alarm_time(row):

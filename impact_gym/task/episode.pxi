@@ -63,7 +63,7 @@ cdef void sample(const Run *run, Row *row) noexcept nogil:
 
 
 cdef void receive(Row *row) noexcept nogil:
-    """Deliver the oldest reading in transit, with errors of the force; with `alarm="reading"` it can raise the alarm."""
+    """Deliver the oldest reading in transit, with force errors; with `alarm="reading"` it can raise the alarm."""
     cdef Episode *episode = row.episode
     cdef Sensors *sensors = &episode.sensors
     cdef const Reading *reading = &row.readings[episode.popped % row.slots]
@@ -144,7 +144,7 @@ cdef void drive(Run *run, Row *row, Command asked) noexcept nogil:
         if linked:
             process_events(row)
             asked = flange_command(row)
-            until = snap(min(until, max(next_event(row), chain.time)), end)  # an event at `end` is processed after the loop
+            until = snap(min(until, max(next_event(row), chain.time)), end)  # events at `end` follow after the loop
         begun = chain.time
         status = command(run, chain, asked.velocity, asked.acceleration, until) if until > chain.time else ARRIVED
         if linked and chain.contacts == 0 or status == TOUCHED:

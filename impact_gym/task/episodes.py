@@ -23,7 +23,7 @@ class EpisodeState(NamedTuple):
     """Times (s) of detection, alarm and end of an episode; inf: not yet, or never."""
 
     detection: float  # when the contact force first exceeded the threshold
-    alarm: float  # when the last alarm reaches the controller; with `alarm="force"` set at the detection
+    alarm: float  # when the last alarm reaches the controller; with `alarm="force"` known at the detection
     alarm_over: float  # when the last alarm ends; inf with `alarm="force"`
     end: float  # end of the last control step; the trace can continue after it
 
@@ -36,7 +36,7 @@ def first_uniforms(seed: int, count: int) -> NDArray[np.float64]:
 
 
 def records_with(count: int, numbers_by_id: Mapping[str, ArrayLike]) -> NDArray[Any]:
-    """Return records (count,) with the given values, each a number or an array (count,), and nan elsewhere."""
+    """Return records (count,) with the given values, each a number or an array (count,); all other numbers are nan."""
     records = np.empty(count, RECORD)
     columns = records.view(np.float64).reshape(count, -1)
     columns.fill(math.nan)
@@ -50,7 +50,7 @@ def reset_options(options: Any, tasks: Sequence[Task], slots: int | None = None)
 
     A number in "scenario" replaces the same number in "record". With `slots`, the size of a batch, a value may be a
     sequence (slots,). `tasks` has one task for all slots, or one for each slot. A number of the set-up must lie in the
-    range of each task that draws it. A reaction delay must not exceed the longest delay of the task.
+    range of each task that draws it. A reaction delay must not exceed the longest reaction delay of the task.
     """
     one_of("options", options, Mapping, type(None))
     given, fixed = dict(options or {}), dict[str, ArrayLike]()

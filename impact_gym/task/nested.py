@@ -44,7 +44,7 @@ def replaced(record: Any, numbers: Mapping[str, Any]) -> Any:
 
 
 def grouped(numbers: Mapping[str, Any]) -> dict[str, Any]:
-    """Turn {"a.b": value} into {"a": {"b": value}}; only the first dot of a path splits it."""
+    """Turn {"a.b": value} into {"a": {"b": value}}; a path is split only at its first dot."""
     groups: dict[str, Any] = {}
     for path, value in numbers.items():
         first, dot, rest = path.partition(".")

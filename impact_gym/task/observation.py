@@ -43,7 +43,7 @@ class ObservationSpec:
     """
 
     def __init__(self, task: Task, drawn: Iterable[str] | None = None) -> None:
-        """Make the specification of `task`; a critic observes the numbers in `drawn` (ids; None: `task.drawn`)."""
+        """Make the specification of `task`; a critic also observes the numbers in `drawn` (ids; None: `task.drawn`)."""
         critic = {*(task.drawn if drawn is None else drawn)}
         entries = filter(None, (_entry(row, task, critic) for row in QUANTITIES.values()))
         self.entries = tuple(sorted(entries, key=lambda entry: entry.observed == "privileged"))
@@ -81,7 +81,7 @@ class ObservationSpec:
         return self.entries[self.index(name)].scale
 
     def decode(self, observation: ArrayLike, name: str) -> Floats:
-        """Return a number (...) in its unit from observations (..., n_obs), which contain it clipped to its scale."""
+        """Return the values (...) of a number in its unit, clipped to its scale, from observations (..., n_obs)."""
         scale = self.scale(name)
         curve = CURVES[scale.curve]
         scaled = np.asarray(observation, np.float64)[..., self.index(name)]
@@ -90,7 +90,7 @@ class ObservationSpec:
         return np.asarray(curve.inverse(begin + share * (end - begin)))
 
     def encode(self, name: str, value: ArrayLike) -> Floats:
-        """Return the scaled and clipped values of a number (...) in its unit."""
+        """Return scaled and clipped values (...) of a number; `value` (...) is in the unit of the number."""
         scale = self.scale(name)
         low, gain = affine(scale)
         with np.errstate(divide="ignore"):

@@ -1,6 +1,6 @@
-"""The range sensor reads the gap at every observation, which contains the newest reading that has arrived."""
+"""The range sensor reads the gap at every observation. The observation contains the newest reading that has arrived."""
 
-cdef int64_t RANGE_STREAM = 1 << 40  # in the noise seed's stream, index of the first number for range readings
+cdef int64_t RANGE_STREAM = 1 << 40  # index of the first number for range readings in the stream of the noise seed
 
 
 cdef void begin_range(Row *row) noexcept nogil:

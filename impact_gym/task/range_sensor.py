@@ -9,7 +9,7 @@ from impact_gym.parameters import Parameters
 class RangeSensor(Parameters, path="range_sensor"):
     """A proximity sensor on the tool, which measures the gap to the object.
 
-    At every control step a reading is drawn from a normal distribution with mean gap + `bias` and standard deviation
+    For every observation, a reading is drawn from a normal distribution with mean gap + `bias` and standard deviation
     `noise` + `share` x gap; a negative reading becomes 0. The fraction `dropout` of the readings is lost; the others
     reach the controller `delay` later. Before the first arrival, range and age are infinite.
     """

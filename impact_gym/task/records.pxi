@@ -29,15 +29,15 @@ cdef struct Task:  # arguments of an environment
     ActionEntry[3] actions  # the first `action_size` are used
     Range velocity  # m/s, allowed velocity commands to the flange
     Record numbers  # numbers of the set-up; for a drawn number its median
-    Mount mount  # the mount; for drawn numbers their medians
-    int64_t first_draw, last_draw  # among the draws of all tasks: index of this task's first, 1 + index of its last
-    int64_t mount_drawn  # 1: numbers of the mount are drawn
+    Mount mount  # tool, coupling and robot; for a drawn number its median
+    int64_t first_draw, last_draw  # index of this task's first draw among all tasks' draws; 1 + index of its last
+    int64_t mount_drawn  # 1: a number in `mount` is drawn
     int64_t range_sensor  # 1: with a range sensor
     int64_t alarm_by_reading  # 1: readings raise the alarm, 0: a switch does
     double force_weight  # m/s per N
     double tolerance  # -, allowed local error of a step of the integrator
     int64_t exact  # 1: damping factor by `exact_damping`, 0: by `hu_guo`
-    double reference_velocity  # m/s, approach velocity with the given restitution if `dissipation="fixed"`, otherwise 0
+    double reference_velocity  # m/s, approach velocity at which a fixed damping gives the restitution; 0: not fixed
     int64_t max_steps  # number of control steps until truncation; 0: unlimited
     int64_t operator_kind  # kind of operator; NO_OPERATOR: the controller alone commands
     Table replay, uplink, downlink  # commands, delays of uplink, delays of downlink; `points` is 0 if none are recorded
@@ -47,7 +47,7 @@ cdef struct Reading:  # of the sensors, in transit to the controller
     double time  # s, when the sensors were read
     double force  # N; with `alarm="reading"` the largest force since the previous reading
     double peak  # N, largest contact force of the episode so far
-    double deflection  # m, tool position minus flange position; with a DIRECT coupling, minus imposed position
+    double deflection  # m, tool minus flange position; with a DIRECT (rigid) coupling, tool minus commanded position
 
 
 cdef struct Entry:  # one number of the observation
@@ -74,7 +74,7 @@ cdef struct Episode:  # drawn numbers, state and results of an episode
     Terms terms, terms_before  # sums of the unweighted reward terms: so far, and before the last control step
     Terms rewards  # m/s, sums of the weighted terms
     double object_velocity  # m/s, V_p so far (see `settle.pxi`); after termination 0 if missed, or if the solver failed
-    double approach_time  # s, time of the first contact; before it, the horizon
+    double approach_time  # s, time of the first contact; the horizon if there is none yet
     double slide, rest_time  # m, s, see `Chain`; inf without friction, and before the episode terminates
     double done_time  # s, end of the last control step so far
     double taken  # -, before the touch: ratio of `withheld_way` to `commanded_way` (see `Link`), so far
@@ -84,7 +84,7 @@ cdef struct Episode:  # drawn numbers, state and results of an episode
 cdef struct Packet:  # a command, and the packet that the arm sends to the display at the same time
     double sent, arrives  # s, when the command is sent, and when it arrives; inf: lost
     double command  # m/s, of the operator
-    double position  # m, of the flange, when the packet was sent
+    double position  # m, flange position when the packet was sent
     double displayed  # s, when the display shows `position`; inf: lost, or no packet was sent to the display
 
 
@@ -97,9 +97,9 @@ cdef struct Link:  # operator, channels and assistance of a row
     double sent  # s, when `command` was sent; negative before the first
     double next_sent, next_arrival  # s, when the next regular command is sent, and when the next command arrives
     double expires  # s, when `command` becomes too old
-    double idle_since  # s, since when `command` has been 0 again; inf: `command` is not 0, or has always been 0
+    double idle_since  # s, when `command` last changed to 0; inf: `command` is not 0, or has always been 0
     double stop  # s, when a model of an operator stops because of a touch; inf: not known yet
-    double seen_position  # m, of the flange, in the newest packet that the operator has seen
+    double seen_position  # m, flange position in the newest packet that the operator has seen
     double alarmed  # s, when the last alarm reached the controller; -inf before the first
     double believed  # m, assumed distance of the object
     double duration  # s, duration of the operator's motion, if the operator is a `Reach`
@@ -107,9 +107,9 @@ cdef struct Link:  # operator, channels and assistance of a row
     double last_sent, effective  # m/s; `last_sent`: last command sent, `effective`: `command`, or 0 if it has expired
     double person_command  # m/s, what a `Person` commands
     double gain, acceleration, withdrawal  # of the assistance: -, m/s^2, m/s
-    double commanded_way, withheld_way  # m, before the touch: integrals of |effective|, |effective - executed velocity|
+    double commanded_way, withheld_way  # m, until the touch, integrals over time: |effective|, |effective - executed|
     double age_mean, age_squares  # s, s^2: mean age of used commands on arrival, sum of the squares of (age - mean)
-    # commands: `packets` sent, `arrived` used, `ticks` sent regularly; `oldest`: index of the oldest usable `Packet`
+    # commands sent, used and sent regularly: `packets`, `arrived`, `ticks`; `oldest`: index of the oldest usable one
     int64_t packets, oldest, arrived, ticks
     int64_t display_packets, seen_packet  # number of packets sent to the display; index of the newest `Packet` seen
     int64_t expired, stopped  # 0 or 1: `command` has expired; the operator has stopped

@@ -3,9 +3,9 @@
 
 cdef struct Terms:  # of a control step, or their sums in an episode
     double time  # s, duration before the first contact; with an operator, the whole duration
-    double speed  # m/s, V_p (see `settle.pxi`) in the step that terminates an episode with a touch; otherwise 0
-    double force  # N, in the same step the largest contact force of the episode; otherwise 0
-    double miss  # m/s, in the step that terminates an episode: cost of a missed object or a failed solver; otherwise 0
+    double speed  # m/s, at termination V_p (see `settle.pxi`), or 0 if missed or failed; in other steps 0
+    double force  # N, at termination the largest contact force, or 0 if missed or failed; in other steps 0
+    double miss  # m/s, at termination the cost if missed or if the solver failed; otherwise 0
 
 
 cdef double reward(const Terms *step, double time_weight, double force_weight, Terms *rewards) noexcept nogil:

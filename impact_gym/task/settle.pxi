@@ -1,4 +1,4 @@
-"""The end of an episode: after a touch the flange brakes, and the simulation continues until `is_over` or a time limit."""
+"""After an episode with a touch, brake the flange, and simulate until `is_over` or a time limit."""
 
 
 cdef inline double v_p(const Run *run, const Chain *chain) noexcept nogil:
@@ -7,7 +7,7 @@ cdef inline double v_p(const Run *run, const Chain *chain) noexcept nogil:
 
 
 cdef void finish(Run *run, Row *row, Terms *step) noexcept nogil:
-    """Call `settle` after a touch, unless the solver failed; write results, and reward terms except time."""
+    """Call `settle` after a touch, unless the solver failed; write the results, and the reward terms except time."""
     cdef Episode *episode = row.episode
     if episode.status == 0 and row.chain.contacts > 0:
         episode.status = settle(run, row)
@@ -56,6 +56,6 @@ cdef bint is_over(const Run *run, const Chain *chain) noexcept nogil:
         return not chain.touching and cannot_touch(run, chain)
     if isinf(chain.tool_rest_time):
         return False
-    if chain.touching or chain.peak_object_velocity > 2.0 * REST_SPEED:  # a tool at rest cannot make the object so fast
+    if chain.touching or chain.peak_object_velocity > 2.0 * REST_SPEED:  # a tool at rest cannot cause this speed
         return True
     return reach_at_rest(run, chain) < -chain.penetration or cannot_touch(run, chain)

@@ -34,7 +34,7 @@ PARTS: Mapping[str, tuple[Any, ...]] = {
     "coupling": get_args(Coupling), "robot": (Robot,), "range_sensor": (RangeSensor,),
     "operator": get_args(Operator), **dict.fromkeys(WAYS, (Channel,)),
 }  # fmt: skip
-"""Arguments that take an instance of a class, or a dict that describes one, and the allowed classes of each."""
+"""The allowed classes of each argument that takes an object, or a dict that describes the object."""
 
 
 def argument(default: Any, words: str) -> Any:
@@ -97,7 +97,7 @@ class Task:
         return self
 
     def __post_init__(self) -> None:
-        drawn: dict[str, Range] = {}  # `checked` leaves out the arguments that are None and may be None
+        drawn: dict[str, Range] = {}  # `checked`: without arguments that are None by default and None here
         checked = [name for name in ARGUMENTS if getattr(Task, name) is not None or getattr(self, name) is not None]
         self._put("scenario", ScenarioRanges.of(self.scenario))
         for name, kinds in PARTS.items():
@@ -134,7 +134,7 @@ class Task:
 
     @classmethod
     def of(cls, field: str, given: Any, *others: str) -> "Task":
-        """Return the task with the arguments `given`. The error for an unknown argument lists `others`, too."""
+        """Return the task with the arguments `given`. The error for an unknown one also lists the names `others`."""
         one_of(field, given, Mapping)
         if unknown := [name for name in given if name not in ARGUMENTS]:
             allowed = ", ".join([*others, *ARGUMENTS])
@@ -146,7 +146,7 @@ class Task:
         return dict(self._given)
 
     def by_path(self) -> dict[str, Any]:
-        """Return all arguments but `scenario`, and all fields of records, by dotted path. A range stays as given."""
+        """Return arguments (without `scenario`) and their `_parts` by dotted path. A range stays as given."""
         values = {name: self._given.get(name, getattr(self, name)) for name in ARGUMENTS if name != "scenario"}
         parts = {name: self._parts(name) for name in PARTS if getattr(self, name) is not None}
         return values | {f"{name}.{part}": value for name, its in parts.items() for part, value in its.items()}
@@ -161,7 +161,7 @@ class Task:
         return Task(**arguments)
 
     def _parts(self, name: str) -> dict[str, Any]:
-        """Return the fields that are not None of a record, such as a coupling, that is the argument `name`."""
+        """Return the fields of the argument `name`, a record such as a coupling; without fields that are None."""
         given = self._given.get(name)
         parts = asdict(getattr(self, name)) | (dict(given) if isinstance(given, Mapping) else {})
         return {part: value for part, value in parts.items() if part != "type" and value is not None}
@@ -180,7 +180,7 @@ class Task:
         if self.deflection_sensor and isinstance(self.coupling, Rigid):
             raise ValueError("deflection_sensor must be False with a Rigid coupling, which has no deflection")
         if self.range_noise is None and (self.observe_range_noise or self.range_bias or "range_bias" in self.drawn):
-            raise ValueError("range_bias must be 0 and observe_range_noise False without an estimate (no range_noise)")
+            raise ValueError("range_bias must be 0 and observe_range_noise False without an estimate: set range_noise")
         if self.range_sensor is not None:
             if self.range_noise is not None:
                 raise ValueError(f"range_noise must be None with a range_sensor, got {self.range_noise:g} m")
@@ -247,8 +247,8 @@ class Task:
     def to_kernel(self, first_draw: int, table_at: int) -> tuple[Any, list[tuple[Any, ...]], Any]:
         """Return an array (1,) of TASK, the fields of DRAW for each draw, and the numbers (n,) of the task's tables.
 
-        `first_draw`: index of the first of these draws among the draws of all tasks. `table_at`: index of the first of
-        these numbers among the numbers of all tables.
+        `first_draw`: index of this task's first draw among the draws of all tasks. `table_at`: index of the first
+        number of this task's tables among the numbers of all tables.
         """
         held, no_table = mount_to_kernel(self.tool_mass, self.coupling, self.robot)
         record = np.zeros(1, TASK)

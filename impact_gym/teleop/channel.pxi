@@ -1,7 +1,7 @@
 """Delay and loss of each packet on a channel, from random numbers or a recorded trace."""
 
 cpdef enum:
-    LONGEST_JITTER = 12  # largest ratio of the random part of a delay to the mean of this part
+    LONGEST_JITTER = 12  # the random part of a delay is at most this multiple of its mean
 
 
 cdef double chance(Row *row, int64_t stream, int64_t count) noexcept nogil:

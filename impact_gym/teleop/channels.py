@@ -14,7 +14,7 @@ from impact_gym.parameters import Parameters
 from impact_gym.validation import numbers, rising, shown
 
 WAYS = ("uplink", "downlink")
-CUT = float(LONGEST_JITTER)  # largest ratio of the random part of a delay to the mean of this part
+CUT = float(LONGEST_JITTER)  # the random part of a delay is at most this multiple of its mean
 LOST = 1e6  # s, delay of a lost packet: longer than any episode
 USUAL_DELAY = 1.0  # s; a trace file with a median delay of at least this must state the unit
 TRACE_COLUMNS = {
@@ -30,8 +30,8 @@ class Channel(Parameters, path="uplink"):
     The receiver drops a packet that arrives after a newer one. The delay of a packet is `delay` plus an exponentially
     distributed random time, at most twelve times its mean. The mean is `tail` for the fraction `tail_share` of the
     packets, and `jitter` for the others. A `trace` (rows of time and delay in s, or a CSV file of such rows) gives the
-    delays instead. Each episode begins at a random time of the trace, which repeats. A packet is lost if the nearest
-    row has the delay `LOST`. `loss` adds losses, in bursts (Gilbert 1960, Bell Syst. Tech. J. 39).
+    delays instead. The trace repeats, and each episode begins at a random time in it. A packet is lost if the row
+    nearest in time has the delay `LOST`. `loss` adds losses, in bursts (Gilbert 1960, Bell Syst. Tech. J. 39).
     """
 
     delay: float = 0.0  # s
@@ -65,7 +65,7 @@ class Channel(Parameters, path="uplink"):
 
     @property
     def table(self) -> NDArray[np.float64]:
-        """The trace as n times (s), then n delays (s); between a delay and a loss, the nearer row is used."""
+        """The trace as n times (s), then n delays (s); `LOST` where the row nearest in time is a loss."""
         times, delays = np.array(self.trace or np.empty((0, 2)), np.float64).T
         lost = delays >= LOST
         if not lost.any():

@@ -12,7 +12,7 @@ from impact_gym.teleop.channels import LOST, WAYS, Channel
 from impact_gym.teleop.operators import KINDS, Operator, Replay
 from impact_gym.validation import Range
 
-LONGEST_SPACING, SLOWEST_PING = 200, 2.0  # control periods, s; a trace's median spacing is at most the longer one
+LONGEST_SPACING, SLOWEST_PING = 200, 2.0  # control periods, s; a trace's median spacing may reach the longer of the two
 FADE: float = WITHDRAWAL_FADE  # s, time in which a withdrawal falls to 0
 
 
@@ -67,7 +67,7 @@ class Link(NamedTuple):
                              f"period of {control_period:g} s, got {apart:g} s: is it in ms?")  # fmt: skip
 
     def to_kernel(self, record: NDArray[Any], begin: int) -> list[NDArray[np.float64]]:
-        """Write operator kind and table positions, from `begin` on, into `record`, (1,) of TASK; return the tables."""
+        """Write operator kind and table places (first: `begin`) into `record` (1,) of TASK; return the tables."""
         record["operator_kind"] = KINDS[type(self.operator)]
         tables = [getattr(self.operator, "table", np.empty(0)), self.uplink.table, self.downlink.table]
         for name, points in zip(("replay", *WAYS), tables, strict=True):

@@ -26,7 +26,7 @@ cdef double intended(Row *row, double time) noexcept nogil:
     cdef double speed = numbers.speed, share, omega, zeta
     if row.task.operator_kind == PERSON:
         return link.person_command
-    if row.task.operator_kind == REPLAY:  # the time in the recordings, without the rounding errors of `time`
+    if row.task.operator_kind == REPLAY:  # time in the recordings, from `ticks`: `time` has rounding errors
         time = floor(numbers.recording) * row.task.replay.length + (link.ticks - 1) * row.task.control_period
         return look_up(&row.task.replay, row.tables, time)
     if row.task.operator_kind == STEADY:
@@ -39,7 +39,7 @@ cdef double intended(Row *row, double time) noexcept nogil:
         omega, zeta = sqrt(numbers.stiffness), 0.5 * numbers.damping / sqrt(numbers.stiffness)
         share = exp(-M_PI * zeta / sqrt(1.0 - zeta * zeta)) if zeta < 1.0 else 0.0  # overshoot as a fraction of a step
         speed /= 1.0 + share
-        share = time - link.believed / speed  # s, time since the moving target reached the assumed place; negative: before
+        share = time - link.believed / speed  # s, since the moving target reached the assumed place; negative: before
         speed *= step_response(omega, zeta, time) - step_response(omega, zeta, share)
         return max(speed, numbers.creep) if omega * share > 1.0 else speed
     return min(max(numbers.gain * (link.believed - seen_position(row, time)), numbers.creep), speed)
@@ -68,7 +68,7 @@ cdef double operator_command(Row *row, double time) noexcept nogil:
     if link.stopped:
         return 0.0
     speed = intended(row, time)
-    if numbers.noise > 0.0:  # white noise, steps of 10 ms (Todorov 2005) scaled to the control period, after two lags
+    if numbers.noise > 0.0:  # white noise after two lags; Todorov (2005) states it for steps of 10 ms
         rate = row.task.control_period / MUSCLE
         rate = rate / (1.0 + rate)
         share = numbers.noise * sqrt(0.01 / row.task.control_period)

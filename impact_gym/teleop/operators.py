@@ -1,6 +1,6 @@
 """Operators, which command the velocity of an arm over a channel: persons, models of persons, recordings.
 
-A model with a `place_error` assumes that the object is at its true distance plus this error. From about this place on
+A model with a `place_error` assumes that the object is at its true distance plus this error. From about this place on,
 the model searches for the object at the speed `creep`. All models stop a reaction time after the display shows a touch.
 """
 
@@ -29,7 +29,7 @@ class Replay(Parameters, path="operator"):
     time: Instants  # rising from 0
     velocity: Annotated[tuple[float, ...], SI("m/s", at_least=-1e3, at_most=1e3)]  # one for each time
     recording: float = 0.0  # -, index, rounded down
-    length: Annotated[float, SI("s", at_least=0.0, at_most=1e3)] = 0.0  # of a recording; 0: there is only one
+    length: Annotated[float, SI("s", at_least=0.0, at_most=1e3)] = 0.0  # duration of each recording; 0: only one
 
     def __post_init__(self) -> None:
         Parameters.__post_init__(self)
@@ -72,7 +72,7 @@ class Reach(Searcher):
     """A motion of minimum jerk to the assumed place (Flash and Hogan 1985, J. Neurosci. 5, 1688-1703).
 
     The peak velocity is 1.875 times the mean velocity, and at most `speed`. The duration of the motion is multiplied by
-    1 + `lag_slope` x (sum of the channels' mean delays), 1.64 at 225 ms (MacKenzie and Ware 1993, CHI '93, 488-493).
+    1 + `lag_slope` x (sum of the channels' mean delays): 1.64 at 225 ms (MacKenzie and Ware 1993, CHI '93, 488-493).
     Motor noise is proportional to the control signal; the noise is filtered by two lags of 40 ms (Todorov 2005, as in
     RothkopfLab/inverse-optimal-control).
     """
@@ -86,7 +86,7 @@ class SecondOrderLag(Searcher):
     """A pointing hand, pulled by a spring and damper to a moving target.
 
     The target moves at constant speed to the assumed place of the object. The hand's peak velocity is at most `speed`.
-    Stiffness and damping are medians of 192 fits, `optparams/` of fl0fischer/OFC4HCI.
+    Stiffness and damping are medians of 192 fits, from `optparams/` in the repository fl0fischer/OFC4HCI.
     """
 
     stiffness: float = 38.0  # 1/s^2, stiffness divided by the hand's mass
@@ -97,7 +97,7 @@ class SecondOrderLag(Searcher):
 class Tracker(Searcher):
     """The crossover model: the command is `gain` x the remaining distance on the display, within [`creep`, `speed`].
 
-    `gain` and `reaction` are the initial values of the fits in `src/optimize_runs_u.m` of Idate96/MRAC_manual_control.
+    `gain` and `reaction` are the initial values of the fits in Idate96/MRAC_manual_control (src/optimize_runs_u.m).
     """
 
     reaction: float = 0.2  # s
