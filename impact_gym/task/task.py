@@ -201,11 +201,11 @@ class Task:
             lowest = {name: ends[0] for name, ends in drawn.items() if ends}
             warn_of_stroke(replace(self.coupling, **lowest), self.longest("tool_mass"), self.acceleration_range[1])
 
-    def check_distance(self, near: float, field: str = "scenario.distance") -> str:
+    def check_distance(self, near: float, field: str = "the smallest scenario.distance") -> str:
         """Raise ValueError if `near` (m) is out of reach; return the reach in words."""
         way = f"in {self.horizon:g} s (horizon) the flange moves at most {self.reach:.3g} m"
         if near > self.reach:
-            raise ValueError(f"{field} must not begin above {self.reach:.3g} m, got {near:g} m: {way}")
+            raise ValueError(f"{field} must be at most {self.reach:.3g} m, got {near:g} m: {way}")
         return way
 
     @property
