@@ -80,7 +80,7 @@ cdef Task blank_task
 
 
 def layout(blank):
-    """Return the NumPy data type of a C structure of eight-byte numbers; `blank`: such a structure as a dict."""
+    """Return the NumPy data type of a C structure of eight-byte numbers; `blank` is the structure as a dict."""
     kinds = {dict: layout, float: lambda _: np.float64, int: lambda _: np.int64}
     kinds[list] = lambda values: np.dtype((kinds[type(values[0])](values[0]), len(values)))
     return np.dtype([(name, kinds[type(value)](value)) for name, value in blank.items()])
@@ -118,11 +118,11 @@ def approach_rows(
     """Run the approaches `first` to `last` - 1 of `plans` (n, APPROACH), and write the results to `chains` (n, CHAIN).
 
     Args:
-        tables: numbers of all robot tables and motions (k,); a plan has its indices in `mount.table` and `motion`.
+        tables: numbers of all robot tables and motions (k,); the plans' `mount.table` and `motion` are indices in it.
         tolerance: allowed local error of a step, in natural units (see `contact.pxi`); relative for components above 1.
         max_steps: an approach that needs more integration steps ends with the status STEP_LIMIT.
-        recorder: arrays for the last approach: contacts (CONTACT), trace points (TRACE), times (s) at which a slider
-            passes its alignment; largest time (s) between trace points without contact. Empty arrays record nothing.
+        recorder: arrays of the last approach: contacts (CONTACT), trace points (TRACE), times (s) at which a slider
+            passes its alignment; and largest time (s) between trace points of a flight. Empty arrays record nothing.
     """
     cdef Run run
     cdef Work work
@@ -252,7 +252,7 @@ cdef class Rows:
                 begin_episode(&row, &self.laws[places[k] * self.each_law], drawn)
 
     def step(self, actions, skip, int64_t first, int64_t last):
-        """Play a control step with `actions` (size, n) in rows `first` to `last` - 1, except where `skip` (size,) is 1."""
+        """Play a control step with `actions` (size, n) in rows `first` to `last` - 1 whose `skip` (size,) is 0."""
         cdef const double *action = <const double *> memory_of(actions)
         cdef const uint8_t *skipped = <const uint8_t *> memory_of(skip)
         cdef Run run

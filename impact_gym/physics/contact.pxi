@@ -5,9 +5,9 @@ With the reduced mass M, the approach velocity v, the stiffness k_c and its expo
     delta0 = (M v^2 / k_c)^(1 / (m + 1))      t0 = delta0 / v      F0 = k_c delta0^m = M v / t0
 
 In these units the penetration is u = delta / delta0, its rate w = delta_dot / v, and the force f = u^m + d u^n w, with
-the damping factor d and the exponent n of the damping. If f is negative (a pull), the force is 0. With m = n
-= 3/2 the power u^1.5 makes u(t) non-smooth at the beginning and at the end of the contact. The motion is smooth with
-the unknown z = sqrt(u), and with the variable s instead of time, where dt = z ds:
+the damping factor d and the exponent n of the damping. While f is negative (a pull), the contact force is 0.
+With m = n = 3/2 the power u^1.5 makes u(t) non-smooth at the beginning and at the end of the contact. The motion is
+smooth with the unknown z = sqrt(u), and with the variable s instead of time, where dt = z ds:
 
     dz/ds = w / 2      dw/ds = z (push - f)      f = z^3 (1 + d w)
 
@@ -30,7 +30,7 @@ cdef struct Contact:  # the law of a contact, with the symbols above
     int64_t twice_m, twice_n  # 2 m and 2 n if they are whole numbers, else -1
     double nominal  # -, damping factor at the reference velocity; if `reference` is 0, at every velocity
     double reference  # m/s, reference velocity if the hysteresis damping chi is constant; 0: d is constant
-    double held  # 0, like `damping`, while the force is kept at 0, because f would be negative; else 1
+    double held  # 1; while the force is kept at 0, because f would be negative, `held` and `damping` are 0
 
 
 cdef struct Units:  # natural units of a contact; for motion without contact see `flight_units`
@@ -54,7 +54,7 @@ cdef inline bint is_hertz(const Contact *law) noexcept nogil:
 
 
 cdef inline double root_power(double z, double exponent, int64_t twice) noexcept nogil:
-    """Return z^`twice`; if `twice` is -1, because 2 `exponent` is no whole number, return |z|^(2 `exponent`)."""
+    """Return z^`twice`. If `twice` is -1 (2 `exponent` is not a whole number), return |z|^(2 `exponent`) instead."""
     cdef double power = 1.0
     if twice < 0:
         return pow(z * z, exponent)
@@ -94,7 +94,7 @@ cdef inline double impulse_rate(const Contact *law, double z, double w) noexcept
     cdef double fourth
     if is_hertz(law):
         fourth = (z * z) * (z * z)
-        return fourth * law.held + (fourth * law.damping) * w  # callers compute w last, so few operations wait for it
+        return fourth * law.held + (fourth * law.damping) * w  # callers know w last; few operations wait for w
     return z * contact_force(law, z, w)
 
 

@@ -28,7 +28,7 @@ cdef double shortfall(double x) noexcept nogil:
 
 
 cpdef double exact_damping(double restitution) noexcept nogil:
-    """Return the damping factor d with which an isolated contact with m = n has exactly this restitution e.
+    """Return the damping factor d that gives an isolated contact with m = n exactly this restitution e.
 
     d solves ln((1 + d) / (1 - d e)) = d (1 + e). With S = `shortfall` this is (1 - e)(1 + e) = d (S(d) + e^3 S(-d e)).
     This form has no cancellation as e -> 1. For e <= 0.6, 1 - d e = exp(ln(1 + d) - d (1 + e)) is solved instead.
@@ -50,7 +50,7 @@ cpdef double delivered(double damping) noexcept nogil:
     """Return the restitution e of an isolated contact with m = n and this damping factor d; relative error below 2e-15.
 
     For d < 0.3, Newton's method solves e^2 (1 + d e S(-d e)) = 1 - d S(d), with S = `shortfall`. For larger d it solves
-    q - z = d - ln(1 + d), with z = d e, for q = -ln(1 - z), which is accurate even if z is close to 1.
+    q - z = d - ln(1 + d) for q = -ln(1 - z), with z = d e. This is accurate even if z is close to 1.
     """
     cdef double d = damping, e, excess, gain, residual, step, rest, q
     if d < SERIES_BELOW:

@@ -55,8 +55,8 @@ def damping_factor(
 ) -> float:
     """Return the damping factor d that `law` gives for a nominal `restitution`.
 
-    Published laws do not depend on the exponents. The d of "exact" gives an isolated contact the nominal restitution
-    for all exponents. "fixed" gives the same d, for contacts that begin at the reference velocity.
+    Published laws do not depend on the exponents. With the d of "exact", an isolated contact has the nominal
+    restitution, whatever the exponents. "fixed" has the d of "exact" at its reference velocity.
     """
     m, n = stiffness_exponent, damping_exponent
     if law not in ("exact", "fixed"):
@@ -80,7 +80,7 @@ def damping_factor(
 
 
 def effective_restitution(law: str, restitution: ArrayLike) -> NDArray[np.float64] | float:
-    """Return the restitution that an isolated contact with m = n has under `law`, for each nominal `restitution`.
+    """Return the actual restitution of an isolated contact with m = n under `law`, for each nominal `restitution`.
 
     Raises:
         ValueError: `law` is neither "exact" nor published, or a restitution is outside (0, 1].

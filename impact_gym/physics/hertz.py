@@ -19,7 +19,7 @@ def hertz(
 
     R is the radius, delta the penetration, and 1/E* = (1 - nu_1^2)/E_1 + (1 - nu_2^2)/E_2, with Young's moduli E and
     Poisson's ratios nu of both bodies (H. Hertz, J. reine angew. Math. 92 (1882) 156-171; K. L. Johnson, Contact
-    Mechanics, eq. 4.23). This holds for small strains of bodies much thicker than the contact is wide.
+    Mechanics, eq. 4.23). This holds for small strains, if the bodies are much thicker than the contact's width.
 
     Args:
         radius: radius of the sphere, m; for two spheres of radii R_1 and R_2: 1 / (1/R_1 + 1/R_2).
@@ -107,12 +107,12 @@ MATERIALS = {
 
 
 def material_ranges(radius: Range, tool: str | Material, target: str | Material) -> dict[str, list[float]]:
-    """Return ranges for `[environment.scenario]`: contact_stiffness; for equal materials also any known restitution.
+    """Return ranges for `[environment.scenario]`: contact_stiffness and, for equal materials, restitution if known.
 
     Args:
         radius: smallest and largest radius of the curved body, m.
         tool: material of the tool's surface: a name in MATERIALS, or a `Material`.
-        target: the same for the object's surface.
+        target: material of the object's surface, given like `tool`.
 
     Raises:
         ValueError: a material is unknown, or a number is out of range.

@@ -23,7 +23,7 @@ cdef struct Mechanism:
 
 
 cpdef inline double bistable_force(double stiffness, double free_length, double height, double x) noexcept nogil:
-    """Return the force of the spring on the slider along its path, N: k (L0 - L) x / L, L = sqrt(H^2 + x^2) (paper, eq. 23-24)."""
+    """Return the spring's force along the path, N: k (L0 - L) x / L, with L = sqrt(H^2 + x^2) (paper, eq. 23-24)."""
     return stiffness * (free_length / sqrt(height * height + x * x) - 1.0) * x
 
 
@@ -60,10 +60,10 @@ cdef inline double stop_place(const Mechanism *law, int stop) noexcept nogil:
 cdef inline (double, double, double) stop_switch(
     const Mechanism *law, int stop, int pressed, double stretch, double rate, double acceleration
 ) noexcept nogil:
-    """Return value, height (N) and slope (N/s), see `Events`, of the event that `stop` begins to push or would pull."""
+    """Return value (N), height (N), slope (N/s), see `Events`, of the event: `stop` begins to push, or would pull."""
     cdef double k = law.stop_stiffness, c = law.stop_damping
     cdef double push = stop * k * (law.rest + stretch - stop_place(law, stop)), moving = stop * rate
-    if pressed == stop:  # the event: this stop would pull, perhaps before the slider has left the stop
+    if pressed == stop:  # the event: this stop would pull; its damper can do so while its spring is still compressed
         return -(push + c * moving), -(push + c * moving), -(k * moving + c * stop * acceleration)
     if pressed != FREE:  # the other stop pushes
         return -1.0, -1.0, 0.0
@@ -71,7 +71,7 @@ cdef inline (double, double, double) stop_switch(
 
 
 cdef inline double stiffness_bound(const Mechanism *law) noexcept nogil:
-    """Return the smallest upper bound on the absolute `spring_slope`, N/m."""
+    """Return the least upper bound of |`spring_slope`|, N/m."""
     if law.linear:
         return law.stiffness
     return law.stiffness * max(law.free_length / law.height - 1.0, 1.0)
@@ -104,7 +104,7 @@ cdef inline double mechanism_reach(const Mechanism *law, double stretch, double 
     """Return an upper bound on the future stretch (m), from the present `stretch` and kinetic energy (J)."""
     cdef double energy = kinetic + mechanism_energy(law, stretch), free = energy - mechanism_energy(law, 0.0)
     cdef double reach = law.front_stop - law.rest + sqrt(2.0 * energy / law.stop_stiffness)  # the stop has all energy
-    cdef double stiffness = law.stop_stiffness - stiffness_bound(law)  # <= stiffness of stop plus spring beyond `rest`
+    cdef double stiffness = law.stop_stiffness - stiffness_bound(law)  # at most the stop's plus the spring's stiffness
     if law.linear:
         return min(reach, sqrt(2.0 * energy / law.stiffness))
     if law.rest + stretch < 0.0 and energy < spring_energy(law, 0.0):  # the slider stays behind the alignment

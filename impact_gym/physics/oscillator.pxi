@@ -33,7 +33,7 @@ cpdef (double, double) decay_basis(double frequency, double damping_ratio, doubl
 cpdef (double, double) free_decay(
     double frequency, double damping_ratio, double position, double velocity, double time
 ) noexcept nogil:
-    """Return z and z' after `time` (s) of z'' + 2 zeta omega z' + omega^2 z = 0 from `position` and `velocity`."""
+    """Solve z'' + 2 zeta omega z' + omega^2 z = 0 from z = `position`, z' = `velocity`; return z, z' at `time` (s)."""
     cdef double cosine, sine, alpha = damping_ratio * frequency
     cosine, sine = decay_basis(frequency, damping_ratio, time)
     return (
@@ -43,5 +43,5 @@ cpdef (double, double) free_decay(
 
 
 cdef inline double relative_force(double frequency, double damping_ratio, double y, double y_dot) noexcept nogil:
-    """Return the force of spring and damper on the tool / the tool's mass, m/s^2 (paper, right side of eq. 17)."""
+    """Return (force of spring and damper on the tool) / (tool mass), m/s^2 (paper, right side of eq. 17)."""
     return -frequency * (frequency * y + 2.0 * damping_ratio * y_dot)

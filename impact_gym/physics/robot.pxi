@@ -1,7 +1,7 @@
 """Mass, stiffness and damping of a compliant robot (paper, eq. 8 and 16), from a table over the imposed position.
 
 The imposed position is where the flange of a rigid robot would be. Between two breaks of the table, the parameters
-are cubic polynomials; outside the table they are constant. A robot with constant parameters has one very long interval.
+are cubic polynomials; outside the table they are constant. A table of constant parameters has one long interval.
 """
 
 

@@ -1,5 +1,5 @@
 """The solver computes the motion of a chain and the object.
 
 A chain consists of imposed motion, robot, coupling and tool. A flight is the motion while tool and object do not touch.
-Some flights have a formula. Other flights and all contacts are integrated from event to event.
+Flights of simple chains have a formula. Other flights and all contacts are integrated from event to event.
 """

@@ -1,6 +1,6 @@
 """The outer loop: impose a velocity on the flange, while flights and contacts alternate."""
 
-cdef double GRAZE = 1e-12  # m/s, least velocity at which a contact begins; at 0, z and w (`contact.pxi`) would stay 0
+cdef double GRAZE = 1e-12  # m/s, least approach velocity of a contact; at 0, z and w (`contact.pxi`) would stay 0
 # Flight on a spring ends as NOT_FINITE if (|acceleration| / frequency^2) / (object position) exceeds this ratio.
 cdef double LOST = 1e11  # at this ratio, rounding errors are about 1e-5 of the position
 cdef double SHORT = 1e-6  # m, added to the object's position in this ratio, because the position can be 0
@@ -66,7 +66,7 @@ cdef double take_peak(const Run *run, Chain *chain) noexcept nogil:
 
 
 cdef int command(Run *run, Chain *chain, double target, double acceleration, double until) noexcept nogil:
-    """Impose a ramp to `target` (m/s), then this velocity, up to time `until` (s) or an event; return the status."""
+    """Impose a ramp to `target` (m/s), then `target`. Return ARRIVED at time `until` (s), or an earlier status."""
     cdef double change, ramp, end
     cdef bint ramp_ends
     cdef int status
@@ -144,7 +144,7 @@ cdef int fly_on(Run *run, Chain *chain, double acceleration, double until) noexc
 
 
 cdef double reach_at_rest(const Run *run, const Chain *chain) noexcept nogil:
-    """Return an estimate of the tool's largest future displacement, m, if the tool counts as at rest, else inf."""
+    """If the tool counts as at rest, return an estimate of its largest future displacement (m), else inf."""
     cdef const Law *law = run.law
     cdef RobotTable table
     cdef RobotNow robot
@@ -172,19 +172,19 @@ cdef double reach_at_rest(const Run *run, const Chain *chain) noexcept nogil:
 
 
 cdef inline double slow_swing(double velocity, double acceleration, double frequency) noexcept nogil:
-    """Return a bound (m) on an oscillation of at least `frequency` (rad/s); inf if its speed can exceed REST_SPEED."""
+    """Return a bound (m) on the travel of an oscillation of `frequency` (rad/s) or more; inf: above REST_SPEED."""
     cdef double fastest = hypot(velocity, acceleration / frequency)
     return 2.0 * fastest / frequency if fastest <= REST_SPEED else INFINITY
 
 
 cdef void note_tool_rest(const Run *run, Chain *chain) noexcept nogil:
-    """With friction, store since when the tool has counted as at rest; inf if it does not."""
+    """With friction, set `tool_rest_time`, the time (s) since which the tool counts as at rest; inf: it does not."""
     if run.ground > 0.0:
         chain.tool_rest_time = min(chain.tool_rest_time, chain.time) if reach_at_rest(run, chain) < INFINITY else INFINITY
 
 
 cdef void record_rest(const Run *run, Chain *chain, double distance) noexcept nogil:
-    """With friction, store the object's slide from `distance` (m), and `rest_time`, as if no contact followed."""
+    """With friction, store `slide` and `rest_time`, as if no contact followed; `distance` (m): the object's start."""
     cdef double speed = max(object_velocity(chain), 0.0)
     if run.ground == 0.0:
         return
@@ -205,13 +205,13 @@ cdef struct Approach:  # scene and motion of an approach
     double threshold  # N, contact force that triggers the brake; inf: no brake
     double delay  # s, from the first force above `threshold` to the start of the brake
     double deceleration  # m/s^2, of the brake
-    int64_t motion, points  # of a `Motion`: index of its times in the tables (its velocities follow), and their number
+    int64_t motion, points  # of a `Motion`: index of its times in `Run.tables` (velocities follow); number of times
     double duration  # s, of the approach
-    double frame  # m/s, common velocity of flange, tool and object at t = 0
+    double frame  # m/s, common velocity of flange, tool and object at t = 0; 0 except in tests
 
 
 cdef void approach(Run *run, Chain *chain, const Approach *plan) noexcept nogil:
-    """Run an approach: a `Motion`, or a ramp to a speed and perhaps a brake. Also record an unfinished contact."""
+    """Run an approach: a `Motion`, or a ramp to a speed and perhaps a brake. Record an unfinished contact, too."""
     cdef const double *times = run.tables + plan.motion
     cdef const double *velocities = times + plan.points
     cdef double speed = plan.speed, acceleration = plan.acceleration, brake_at = INFINITY

@@ -15,7 +15,7 @@ cdef inline double coupling_reach(const Law *law, double stretch, double kinetic
 
 
 cdef inline double moving_mass(const Run *run, double position) noexcept nogil:
-    """Return the mass that strikes the object, kg: the tool's, plus that of a compliant robot with a rigid coupling."""
+    """Return the mass that strikes the object, kg: the tool's; with a DIRECT coupling also a compliant robot's."""
     cdef RobotTable table
     if run.law.kind != INTEGRATED or run.law.coupled:
         return run.law.tool_mass
@@ -53,7 +53,7 @@ cdef enum:
 
 
 cdef double longest_blind_step(const Piece *now, const double *x, double longest, double shortest) noexcept nogil:
-    """Return a scaled step of a flight, at most `longest`, with no possible touch; `shortest` if none is found."""
+    """Return a scaled step of a flight in which no touch is possible, at most `longest`; `shortest`: none found."""
     cdef const Law *law = now.law
     cdef Swing at = swing(now, x[TIME], x[DEFLECTION], x[DEFLECTION_RATE], x[OFFSET], x[OFFSET_RATE])
     cdef double touching = law.tool_mass, mass = law.tool_mass, energy, floor = 0.0, barrier = INFINITY
@@ -75,7 +75,7 @@ cdef double longest_blind_step(const Piece *now, const double *x, double longest
         span = h * now.units.time
         gained = fabs(now.acceleration) * sqrt(0.5 * mass) * span
         fed = sqrt(TABLE * max(energy - floor, 0.0)) + gained
-        if floor + fed * fed >= barrier:  # the slider can pass the alignment; behind it the energy can be below `floor`
+        if floor + fed * fed >= barrier:  # the slider can pass the alignment; beyond, the energy can be below `floor`
             fed = sqrt(TABLE * energy) + gained
         if span * (closing + (fabs(now.acceleration) + ground) * span + fed * sqrt(2.0 / touching)) < gap:
             return h

@@ -4,7 +4,7 @@
 cdef void begin_piece(
     const Run *run, const Chain *chain, double acceleration, double until, bint flying, Piece *now
 ) noexcept nogil:
-    """Set the constants `now` of the piece that starts at the state of `chain` and ends at time `until` (s) or earlier."""
+    """Set the constants `now` of a piece that starts at the state of `chain` and ends at `until` (s) or earlier."""
     cdef const Law *law = run.law
     now.law, now.flying, now.acceleration = law, flying, acceleration
     now.units = flight_units(run, chain, acceleration) if flying else chain.units
@@ -12,7 +12,7 @@ cdef void begin_piece(
     if not chain.holding:
         now.contact.held = now.contact.damping = 0.0
     now.tolerance = run.tolerance
-    now.analytic = law.kind != INTEGRATED and is_hertz(&run.contact)  # such a piece is a contact, see `fly_on`
+    now.analytic = law.kind != INTEGRATED and is_hertz(&run.contact)  # flights of these chains are not integrated
     now.threshold = run.threshold / now.units.force
     now.horizon = (until - chain.time) / now.units.time
     now.push = acceleration * now.units.time / now.units.velocity
@@ -137,7 +137,7 @@ cdef double apparent_eigenvalue(const Piece *now, const Work *work) noexcept nog
 
 
 cdef inline double ground_now(const Run *run, const Chain *chain) noexcept nogil:
-    """Return the present deceleration of the object by friction while the tool does not touch it, m/s^2."""
+    """Return the object's present deceleration by the friction under it, m/s^2; 0 if the object sticks."""
     return run.ground if chain.object_state != STUCK else 0.0
 
 
@@ -158,7 +158,7 @@ cdef inline double touch_time(const Run *run, const Chain *chain, double acceler
 
 
 cdef double smooth_until(const Run *run, const Chain *chain, double acceleration, double until) noexcept nogil:
-    """Return the time (s), at most `until`, up to which the robot's parameters are smooth."""
+    """Return `until` (s), or the earlier time at which the imposed position reaches a break of the robot's table."""
     cdef double low, high, ahead = INFINITY, behind = INFINITY, x_r = chain.flange_position, v_r = chain.flange_velocity
     cdef RobotTable table
     if run.law.kind != INTEGRATED or not run.law.intervals:
@@ -173,7 +173,7 @@ cdef double smooth_until(const Run *run, const Chain *chain, double acceleration
 
 
 cdef bint cannot_touch(const Run *run, const Chain *chain) noexcept nogil:
-    """Return whether no touch is possible while the imposed motion stays at rest; False also if unknown."""
+    """Return True if no touch is possible while the imposed motion stays at rest; False: possible or unknown."""
     cdef double reach
     if run.law.kind == RIGID:
         return chain.penetration_rate <= 0.0
@@ -231,6 +231,6 @@ cdef Accelerations motion_now(const Run *run, const Chain *chain, double acceler
 
 
 cdef double tool_momentum(const Run *run, const Chain *chain) noexcept nogil:
-    """Return the momentum (N s) that the moving mass gained in the contact, without `chain.joined`."""
+    """Return the momentum (N s) that `moving_mass` gained in the contact, minus `chain.joined`."""
     cdef double before = moving_mass(run, chain.start_flange_position) * chain.start_tool_velocity
     return moving_mass(run, chain.flange_position) * tool_velocity(chain) - before - chain.joined

@@ -1,13 +1,13 @@
-"""Find events within a smooth piece of motion. An event has a row in `Events` with a negative value before the event.
+"""Find events within a smooth piece of motion. Each event has a row in `Events`, negative before the event.
 
 The rows at both ends of a step show which events have occurred, and which values may have been positive in between.
 The first event is located by a polynomial or by shorter steps. Then a step is taken that ends on this event.
 """
 
 cdef enum:
-    CLOCK  # the last time of the piece is reached
+    CLOCK  # the piece reaches its end time
     SEPARATION  # z (see `contact.pxi`) falls below zero; with z < 0 time runs backwards, because dt = z ds
-    CLAMP  # the contact force would become a pull, or, after a pull, a push
+    CLAMP  # the contact force would become a pull, or would be a push again
     FORCE  # the contact force exceeds the threshold; this row also serves to find the largest force
     SLIP  # the contact force exceeds the friction of an object that sticks
     REST  # a sliding object comes to rest
@@ -19,13 +19,13 @@ cdef enum:
     NOTHING = -1  # no event
     SHORTER = -2  # no clear event: try a shorter step
 
-cdef double SHORTEST_STEP = 1e-10  # scaled length; a step below it that starts on an event is not shortened further
+cdef double SHORTEST_STEP = 1e-10  # scaled; a shorter step that starts on an event is not shortened further
 
 
 cdef struct Events:
     double[ROWS] value  # negative before the event
-    # height: smooth quantity whose maximum is searched; slope: its derivative, in CLOCK and SEPARATION that of value
-    double[ROWS] height, slope  # slope is by s in a contact, by scaled time in flight
+    # height: smooth quantity whose maximum is searched; CLOCK and SEPARATION have none
+    double[ROWS] height, slope  # slope: derivative of height (if none, of value) by s; in flight by scaled time
 
 
 cdef void evaluate_events(const Piece *now, const double *x, const double *rate, Events *events) noexcept nogil:
@@ -52,7 +52,7 @@ cdef void evaluate_events(const Piece *now, const double *x, const double *rate,
 
 
 cdef void evaluate_object_events(const Piece *now, const double *x, const double *rate, Events *events) noexcept nogil:
-    """Compute the rows of an object with friction, from the row FORCE."""
+    """Compute the rows SLIP, REST and TOP of an object with friction. The row FORCE must be known."""
     cdef double speed = -x[RATE], gain = now.push * rate[TIME] - rate[RATE]
     events.value[SLIP] = events.height[SLIP] = events.height[FORCE] - now.friction
     events.slope[SLIP] = events.slope[FORCE]
@@ -99,7 +99,7 @@ cdef struct Finding:
     int event  # the first event in the step, NOTHING, or SHORTER
     double share  # place of the event in the step, 0 to 1; for SHORTER the factor by which to shorten the step
     double within  # a place in the step, 0 to 1, at or after the event
-    double peak, top  # scaled maxima inside the step, 0: none; `peak`: contact force, `top`: speed of a sliding object
+    double peak, top  # scaled maxima inside the step (0: none) of the contact force and of a sliding object's speed
     double peak_at, top_at  # distances of `peak` and `top` from the start of the step, in the variable s
 
 
@@ -144,9 +144,9 @@ cdef Finding search(
 
 
 cdef bint rises_at_onset(const Piece *now, Work *work, double h) noexcept nogil:
-    """Return whether the force grows at the onset of a contact with n = 0, where df/ds = 0 because dt/ds = 0."""
+    """Return whether the force grows just after the onset of a contact with n = 0. At the onset df/ds = 0."""
     cdef Events soon
-    probe_exactly(now, work, h, 1e-3)  # 1e-3 of the step in s is 1e-6 of the step's duration, because z begins at 0
+    probe_exactly(now, work, h, 1e-3)  # 1e-3 of the step in s is about 1e-6 of its duration, because z begins at 0
     evaluate_events(now, work.probe, work.probe_rate, &soon)
     return soon.slope[FORCE] > 0.0
 
@@ -159,7 +159,7 @@ cdef bint starts_on(int row, double h, const Events *start, double reached) noex
 
 
 cdef int before_landing(const Piece *now, const Events *end, int landed, bint undetected) noexcept nogil:
-    """Return another event that occurred in a step that ends on event `landed`, or NOTHING."""
+    """Return an event that also occurred in a step that ends on event `landed`, or NOTHING."""
     cdef int row
     for row in range(FRONT_STOP if now.flying else CLOCK, ROWS if now.flying else TOUCH):
         if not acts(now, row):
@@ -170,7 +170,7 @@ cdef int before_landing(const Piece *now, const Events *end, int landed, bint un
 
 
 cdef double extremum(double start, double start_slope, double end, double end_slope) noexcept nogil:
-    """Return the place of the maximum in (0, 1) of a cubic that rises at 0 and falls at 1, from values and slopes there."""
+    """Return the place of the maximum in (0, 1) of a cubic with these values and slopes, rising at 0, falling at 1."""
     cdef double a = 3.0 * (end - start) - 2.0 * start_slope - end_slope, b = start_slope + end_slope - 2.0 * (end - start)
     cdef double root = sqrt(max(a * a - 3.0 * b * start_slope, 0.0))
     cdef double place = -start_slope / (a - root)
@@ -186,10 +186,10 @@ cdef double on_cubic(double t, double start, double start_slope, double end, dou
 
 
 cdef bint comes_back(int row, double h, const Events *start, const Events *end) noexcept nogil:
-    """Return whether a row has a maximum in a step; except in FORCE, SLIP and TOP, it must be able to exceed zero."""
+    """Return whether a row has a maximum in a step. Except in FORCE, SLIP and TOP, one below 0 does not count."""
     cdef double v0 = start.height[row], v1 = end.height[row], s0 = h * start.slope[row], s1 = h * end.slope[row], top
     if row == TOP and s1 < 0.0 < start.slope[SLIP]:
-        return True  # at the start of a slip, the sign of s0 is a rounding error
+        return True  # at the start of a slip, the sign of s0 depends on rounding
     if not s0 > 0.0 > s1:
         return False
     if row == FORCE or row == SLIP or row == TOP:
@@ -205,7 +205,7 @@ cdef double climb(
     cdef double low = 0.0, high = 1.0, low_slope = start.slope[row], high_slope = end.slope[row], before, gain
     cdef double share = extremum(start.height[row], h * low_slope, end.height[row], h * high_slope)
     cdef int side = 0
-    cdef bint exactly = work.method != EXPLICIT  # False: search first on the polynomial, to 1e-6 of the step
+    cdef bint exactly = work.method != EXPLICIT  # False: first search on the polynomial, to 1e-6 of the step
     for _ in range(60):  # find the zero of the slope by a secant method inside a bracket (Illinois)
         if exactly:
             probe_exactly(now, work, h, share)
@@ -234,7 +234,7 @@ cdef double climb(
 
 
 cdef double cubic_zero(double start, double start_slope, double end, double end_slope) noexcept nogil:
-    """Estimate the zero in (0, 1) of a cubic from its values, of different sign, and slopes at 0 and 1."""
+    """Estimate the zero in (0, 1) of a cubic with these values and slopes at 0 and 1. The values differ in sign."""
     cdef double f, tangent, a = 3.0 * (end - start) - 2.0 * start_slope - end_slope
     cdef double b = start_slope + end_slope - 2.0 * (end - start), t = start / (start - end)
     for _ in range(4):
@@ -249,7 +249,7 @@ cdef double cubic_zero(double start, double start_slope, double end, double end_
 cdef double crossing_share(
     const Piece *now, Work *work, double h, int row, const Events *start, const Events *end, double high
 ) noexcept nogil:
-    """Find the zero, to 1e-9 of the step, of a row that is negative at 0 and positive at `high`."""
+    """Find the fraction of the step, to 1e-9, at which a row is 0. The row is negative at 0 and positive at `high`."""
     cdef double low = 0.0, share = 0.5 * high, value, move
     cdef Events events
     if start.value[row] >= 0.0:  # because of rounding
@@ -276,7 +276,7 @@ cdef double crossing_share(
 
 
 cdef double clock_share(const Piece *now, const Work *work, double h) noexcept nogil:
-    """Estimate the fraction of the step at which the piece ends, from t, z, w and dw/ds at both ends; `land` corrects it."""
+    """Estimate the fraction of the step at which the piece ends, from t, z, w and dw/ds at the step's ends."""
     cdef double v0 = h * work.x[ROOT], a0 = 0.25 * h * h * work.x[RATE], j0 = h * h * h / 12.0 * work.rate[RATE]
     cdef double v1 = h * work.trial[ROOT], a1 = 0.25 * h * h * work.trial[RATE], j1 = h * h * h / 12.0 * work.trial_rate[RATE]
     cdef double way = work.trial[TIME] - work.x[TIME], left = now.horizon - work.x[TIME]
@@ -310,7 +310,7 @@ cdef double bend_share(const Work *work, double h) noexcept nogil:
 
 
 cdef double land(const Piece *now, Work *work, const Finding *found, double tried, double *error) noexcept nogil:
-    """Take a step that ends on the event found in a step of length `tried`; return its length; write its `error`."""
+    """Take a step that ends on the event `found` in a step of length `tried`; return the new length; set `error`."""
     cdef double h = found.share * tried, low = 0.0, high = found.within * tried, off
     cdef int row = found.event
     cdef Events events

@@ -8,7 +8,7 @@ cdef double OVERSHOOT = 1e3
 
 cdef enum:
     TRACE_POINTS = 8  # number of trace points in a step of a contact; 1.5 times as many in a series step
-    EVENTS_IN_TURN = 20  # after so many events, each tried in turn as the end of a step, a shorter step is tried
+    EVENTS_IN_TURN = 20  # number of events to try in turn as the end of a step, before a shorter step is tried
 
 
 cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bint flying) noexcept nogil:
@@ -27,7 +27,7 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
     rates(&now, work.x, work.rate)
     evaluate_events(&now, work.x, work.rate, start)
     if flying and work.x[ROOT] == 0.0 and work.x[RATE] < 0.0 < work.rate[RATE]:
-        h = min(h, -work.x[RATE] / work.rate[RATE])  # the first step ends about when the gap stops opening, or earlier
+        h = min(h, -work.x[RATE] / work.rate[RATE])  # ends at the latest about when the gap stops opening
     if not flying:
         peak = start.height[FORCE]  # with n = 0 a contact begins with a force above 0
         if undetected and start.value[FORCE] >= 0.0:
@@ -73,7 +73,7 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
 
 
 cdef void add_ground_impulse(const Piece *now, const Run *run, Chain *chain, const double *x) noexcept nogil:
-    """Add the ground's impulse: if the object sticks, that of the contact force, else mu m_p g times the duration."""
+    """Add the ground's impulse: if the object sticks, the contact force's impulse, else mu m_p g times the duration."""
     if now.object_state == STUCK:
         chain.ground_impulse += x[IMPULSE] * now.units.force * now.units.time
     else:
@@ -88,7 +88,7 @@ cdef void come_to_rest(Chain *chain) noexcept nogil:
 cdef bint good_step(
     const Piece *now, Work *work, const Events *start, Events *end, bint undetected, double *h, double *taken, Finding *found
 ) noexcept nogil:
-    """Try a step of `h`, or to the first event in it; return whether to accept the step; set `h` for the next one."""
+    """Try a step of `h`, or less if an event ends it. Return whether to accept the step; set `h` for the next one."""
     cdef double error, factor, tried, left = INFINITY, most = INFINITY
     if now.flying:
         left = now.horizon - work.x[TIME]
@@ -125,7 +125,7 @@ cdef bint good_step(
 cdef double land_on_first(
     const Piece *now, Work *work, double tried, const Events *start, Events *end, bint undetected, Finding *found, double *error
 ) noexcept nogil:
-    """Take a step that ends on the first event; return its length; set `found.event` to SHORTER if it is too long."""
+    """Take a step that ends on the first event; return the step's length. `found.event` is SHORTER if that failed."""
     cdef int other
     cdef double taken = tried
     for _ in range(EVENTS_IN_TURN):
@@ -172,7 +172,7 @@ cdef int conclude(Run *run, Chain *chain, int event, double until) noexcept nogi
 
 
 cdef void trace_step(Run *run, const Piece *now, Chain *chain, double taken) noexcept nogil:
-    """Record trace points of the accepted step; those before its end are computed by shorter steps from its start."""
+    """Record trace points of the accepted step. Shorter steps from its start compute the points inside."""
     cdef Chain ghost = chain[0]
     cdef Events events
     cdef int64_t point, points = TRACE_POINTS

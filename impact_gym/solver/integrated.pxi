@@ -1,9 +1,9 @@
 """Equations of motion of an INTEGRATED chain, whose flights have no formula.
 
-Such a chain has a coupling with stops, a compliant robot with an elastic coupling, or a robot table with a rigid coupling.
-Forces are computed in SI units, then scaled. The state has z, w, t, the impulse p on the object, the deflection y and
-its rate v. It also has the coupling's impulse s on the tool, the momentum j of robot mass that has joined the moving
-part, and the offset q of the flange from the imposed motion, with its rate r.
+An INTEGRATED chain has a coupling with stops, a compliant robot with an elastic coupling, or a robot table with a
+rigid coupling. Forces are computed in SI units, then scaled. The state has z, w, t, the impulse p on the object, the
+deflection y, its rate v, and the coupling's impulse s on the tool. A robot's mass can depend on its position: j is the
+momentum of the mass that has joined the moving part. q is the flange's offset from the imposed motion, r its rate.
 """
 
 
@@ -59,7 +59,7 @@ cdef inline Accelerations motion(const Piece *now, const Swing *at, double push)
         move.pull = coupling_pull(now, at.y - at.q, at.y_dot - at.q_dot)
         move.gap = (move.pull - push) * now.tool_rate
         if now.robot.intervals:
-            flange_rate = now.per_acceleration / robot.mass  # faster, because the division need not wait for the pull
+            flange_rate = now.per_acceleration / robot.mass  # faster: the processor divides before it knows the pull
             move.flange = (-robot.stiffness * at.q - robot.damping * at.q_dot - move.pull) * flange_rate - now.push
     move.tool = move.gap - now.push
     move.gap += now.ground - push * now.object_rate
@@ -88,7 +88,7 @@ cdef inline IntegratedRates integrated_rates(
     return rates
 
 
-cdef struct Gradient:  # derivatives of one field of `Accelerations`, as a force in N or an acceleration in m/s^2
+cdef struct Gradient:  # derivatives of a force (N) or of an acceleration (m/s^2)
     double y, y_dot  # by the deflection (per m) and its rate (per m/s)
     double q, q_dot  # by the flange offset (per m) and its rate (per m/s)
     double time  # by time (per s)
@@ -113,7 +113,7 @@ cdef inline Gradient pull_gradient(const Piece *now, const Swing *at) noexcept n
 
 
 cdef inline Gradient flange_gradient(const Piece *now, const Swing *at, const Gradient *pull, double T) noexcept nogil:
-    """Return derivatives of the acceleration of a flange under the coupling's force T (N); `pull` has those of T."""
+    """Return the derivatives of the flange's acceleration; `pull` has the derivatives of the coupling's force T (N)."""
     cdef const RobotNow *robot = &at.robot
     cdef RobotSlopes slopes = robot_slopes(&now.robot, now.place, at.x_r)
     cdef double m = robot.mass, force = -robot.stiffness * at.q - robot.damping * at.q_dot - T
@@ -125,7 +125,7 @@ cdef inline Gradient flange_gradient(const Piece *now, const Swing *at, const Gr
 
 
 cdef inline void gradient_row(const Piece *now, const Gradient *part, double scale, double *row) noexcept nogil:
-    """Write a row of the Jacobian, except the columns of z and w; `scale` converts `part` to the scaled rate."""
+    """Write a row of the Jacobian, except the columns of z and w; `scale` converts from SI units to the scaled rate."""
     row[DEFLECTION] = scale * part.y * now.units.length
     row[DEFLECTION_RATE] = scale * part.y_dot * now.units.velocity
     row[OFFSET] = scale * part.q * now.units.length

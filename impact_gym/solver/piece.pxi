@@ -5,26 +5,26 @@ cdef enum:
     DEFLECTION_INTEGRAL = 6  # only in a SPRING chain
     PULL_IMPULSE = 6, JOINED = 7, OFFSET = 8, OFFSET_RATE = 9  # only in an INTEGRATED chain, see `integrated.pxi`
 
-cdef double STANDSTILL = 1e-13  # rounding error of object speed when a slip starts, relative to approach + flange speed
+cdef double STANDSTILL = 1e-13  # rounding error of the object's speed when a slip starts / (approach + flange speed)
 
 
 cdef struct Piece:
     const Law *law
     int width  # number of components of the scaled state
     Units units
-    bint analytic  # the equations are polynomials (see `contact.pxi`), so steps can use Taylor series
-    bint flying  # whether the piece is a flight; then component 0 is scaled penetration, not z, and s is scaled time
-    const Contact *grip  # the contact law, whose force can be negative
-    Contact contact  # the same law, but without force while `Chain.holding` is 0
+    bint analytic  # m = n = 3/2 in a RIGID or SPRING chain, so steps can use Taylor series (`taylor.h`)
+    bint flying  # whether the piece is a flight, with scaled penetration instead of z, and scaled time instead of s
+    const Contact *grip  # the contact law (see `contact.pxi`); its force f can be negative
+    Contact contact  # the same law, but f = 0 while `Chain.holding` is 0
     bint rough  # whether there is friction under the object
     int object_state  # SLIDING or STUCK
     double friction  # scaled largest friction force on the object, mu m_p g
     double ground  # scaled deceleration of the object by friction; 0 if the object sticks
-    double standstill  # scaled speed: an object that slides has come to rest when it moves backwards faster than this
-    double share  # scaled acceleration of the tool relative to the object per contact force; 1 if the object slides
+    double standstill  # scaled speed; a sliding object counts as at rest when it moves backwards faster than this
+    double share  # scaled deceleration of the tool relative to the object / f; 1 if the object slides
     double tolerance  # -, allowed local error of a step
     double threshold  # scaled force threshold, `Run.threshold` / `units.force`
-    double horizon  # scaled time until the end of the piece
+    double horizon  # scaled duration of the piece, unless an event ends it earlier
     double position, velocity, acceleration  # m, m/s, m/s^2, of the imposed motion, at the start of the piece
 
     # scaled with `units`; the last three numbers are set only in a SPRING chain
@@ -34,16 +34,16 @@ cdef struct Piece:
 
     # only in an INTEGRATED chain
     RobotTable robot
-    int place  # index of the interval of the robot's table in this piece
+    int place  # index of the interval of the robot's table that holds in this piece
     RobotNow lumped  # the robot's parameters, if its table has one interval
     double per_acceleration  # scaled value of 1 m/s^2
     double tool_rate, object_rate  # scaled acceleration of tool, and of object, by a force of 1 N
     double per_force  # scaled value of 1 N
-    int pressed, side  # stop and side of the slider, see `Chain`
+    int pressed, side  # `Chain.pressed`, `Chain.side`
 
 
 cdef void store_common(const Piece *now, const Chain *base, const double *x, Chain *chain) noexcept nogil:
-    """Write the components of `x` that every chain has into `chain`; `base` is the chain at the start of the piece."""
+    """Write into `chain` the components of `x` that all chains have; `base` is the chain at the start of the piece."""
     cdef double elapsed = x[TIME] * now.units.time
     chain.time = base.time + elapsed
     chain.flange_position = base.flange_position + elapsed * (base.flange_velocity + 0.5 * now.acceleration * elapsed)
@@ -72,12 +72,12 @@ cdef inline double tool_position(const Chain *chain) noexcept nogil:
 
 
 cdef inline double flange_velocity(const Law *law, const Chain *chain) noexcept nogil:
-    """Return the velocity of the flange itself, m/s; `chain.flange_velocity` is imposed."""
+    """Return the true velocity of the flange, m/s; `chain.flange_velocity` is the imposed one."""
     return tool_velocity(chain) if law.with_tool else chain.flange_velocity + chain.flange_offset_rate
 
 
 cdef inline double flange_position(const Law *law, const Chain *chain) noexcept nogil:
-    """Return the position of the flange itself, m; `chain.flange_position` is imposed."""
+    """Return the true position of the flange, m; `chain.flange_position` is the imposed one."""
     return tool_position(chain) if law.with_tool else chain.flange_position + chain.flange_offset
 
 

@@ -1,9 +1,9 @@
-"""Record contacts and trace points. Rows beyond the end of an array are counted, not stored; without an array for
-the trace no trace point is computed."""
+"""Record contacts and trace points. Rows beyond the end of an array are counted, not stored. If the trace array is
+empty, no trace point is computed."""
 
 
 cdef void close_contact(const Run *run, Chain *chain, double end) noexcept nogil:
-    """Add the present contact to the totals of `chain` and to the contact log; `end` (s): nan if unfinished."""
+    """Add the present contact to the totals of `chain` and to the contact log. `end` (s): nan if unfinished."""
     cdef double impulse = coupling_impulse(run.law, chain)
     cdef double given = run.object_mass * (object_velocity(chain) - chain.start_object_velocity)
     cdef double residual = tool_momentum(run, chain) + given - impulse  # N s, of the momentum balance (paper, eq. 20)
@@ -28,7 +28,7 @@ cdef void close_contact(const Run *run, Chain *chain, double end) noexcept nogil
 
 
 cdef void trace(const Run *run, Chain *counter, const Chain *chain, double acceleration, double push) noexcept nogil:
-    """Append the state of `chain` under a contact force `push` (N) to the trace; count it in `counter.traced`."""
+    """Append the state of `chain` and the contact force `push` (N) to the trace; count it in `counter.traced`."""
     cdef TraceRow *row
     if run.recorder.trace_rows == 0:
         return

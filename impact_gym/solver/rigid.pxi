@@ -1,4 +1,4 @@
-"""A RIGID chain: the tool is fixed to the flange. In flight the gap is quadratic in time; a contact changes only the object's motion (paper, Fig. 4a)."""
+"""A RIGID chain: contacts change only the object's motion (paper, Fig. 4a). In flight the gap is quadratic in time."""
 
 
 cdef struct RigidRates:

@@ -1,6 +1,6 @@
 """The L-stable 5(4) pair Rodas5P, for stiff pieces, such as a slow contact under a push or an overdamped spring.
 
-A step of a Rosenbrock method needs no iteration, but inverts one matrix, I / (gamma h) - J with the exact Jacobian J.
+A step of a Rosenbrock method needs no iteration. It inverts the matrix I / (gamma h) - J, with the exact Jacobian J.
 Coefficients: Steinebach, BIT Numerical Mathematics 63:27 (2023), in the form of Hairer, Wanner, Solving Ordinary
 Differential Equations II (1996), IV.7, eq. 7.25. Time is a component of the state, so the equations are autonomous.
 """
@@ -23,9 +23,9 @@ STIFF_A[6][:6] = [
 ]
 STIFF_A[7][:7] = [
     -7.502846399306121, 2.561846144803919, -11.627539656261098, -0.18268767659942256, 0.030198172008377946, 1.0, 1.0
-]  # the state at the end of the step is the state of the last stage plus the last stage itself
+]  # state at the end of the step: the state at the last stage plus this stage's increment k
 
-# row i: weights of the earlier stages, multiplied by h, on the right side of the equation of stage i
+# row i: h times the weights of the earlier stages on the right side of the equation of stage i
 cdef double[STIFF_STAGES][STIFF_STAGES] STIFF_C
 STIFF_C[1][:1] = [-14.155112264123755]
 STIFF_C[2][:2] = [-17.97296035885952, -2.859693295451294]
@@ -43,7 +43,7 @@ STIFF_C[7][:7] = [
 
 
 cdef double stiff_step(const Piece *now, Work *work, double h) noexcept nogil:
-    """Try a step of `h` from `work.x` into `work.trial`; return estimated error of order 4 / allowed error."""
+    """Try a step of `h` from `work.x` into `work.trial`; return order-4 error estimate / allowed error."""
     cdef int stage, earlier, i, n = now.width
     cdef double total = 0.0, a, c, size
     cdef double[WIDTH] right
@@ -78,7 +78,7 @@ cdef double stiff_step(const Piece *now, Work *work, double h) noexcept nogil:
 
 
 cdef void invert(int n, double[WIDTH] *matrix) noexcept nogil:
-    """Replace the first `n` rows and columns of `matrix` by the transpose of their inverse (Gauss and Jordan, with pivots)."""
+    """Replace the first `n` rows and columns of `matrix` by their inverse, transposed (Gauss-Jordan, with pivots)."""
     cdef double[WIDTH][WIDTH] inverse
     cdef int k, row, column, pivot
     cdef double share

@@ -1,9 +1,9 @@
-"""Steps by Taylor series, for analytic pieces: `taylor.h` computes the series; this file chooses and takes the step."""
+"""Steps by Taylor series, for analytic pieces. `taylor.h` computes the series; this file chooses and takes the step."""
 
 cdef enum:
-    LAST_ORDERS = 3  # number of highest orders that give the radius of convergence; the coefficients of one can be 0
+    LAST_ORDERS = 3  # number of last orders that give the radius of convergence; one order's coefficients can all be 0
 
-cdef double LEFT_OUT = 0.05  # largest truncation error / allowed local error, because a contact's errors add up
+cdef double LEFT_OUT = 0.05  # largest truncation error / allowed local error; a contact's errors add up
 cdef double MOST_LEFT_OUT = 2e-8  # largest truncation error at any tolerance, because the errors of contacts add up
 cdef double TOO_STEEP = 1e30  # weighted sum of squares of one order's coefficients; above it, the explicit pair is used
 
@@ -14,7 +14,7 @@ cdef void expand(const Piece *now, Work *work) noexcept nogil:
         now.contact.held, now.contact.damping, now.share, now.ground,
         now.tool_share, now.push, now.pull_y, now.pull_y_dot,
     )
-    if now.law.kind == RIGID:  # computed as a SPRING chain whose spring has no force
+    if now.law.kind == RIGID:  # the equations of a SPRING chain without spring force
         law.ground += now.push
         law.tool_share = law.push = law.pull_y = law.pull_y_dot = 0.0
         work.x[DEFLECTION] = work.x[DEFLECTION_RATE] = work.x[DEFLECTION_INTEGRAL] = 0.0
@@ -23,7 +23,7 @@ cdef void expand(const Piece *now, Work *work) noexcept nogil:
 
 
 cdef double longest_by_series(const Piece *now, const Work *work) noexcept nogil:
-    """Return the step with the allowed truncation error, if coefficients decay as radius^-order; 0 above TOO_STEEP."""
+    """Return the step with the allowed truncation error, if coefficients decay as radius^-order; 0: too steep."""
     cdef float inverse_radius = -7.0  # log(1 / radius); at least -7, because the last orders can be 0 or underflow
     cdef double[PLACES] weight
     cdef double squares, left_out = min(LEFT_OUT * now.tolerance, MOST_LEFT_OUT)
@@ -42,7 +42,7 @@ cdef double longest_by_series(const Piece *now, const Work *work) noexcept nogil
 
 
 cdef void evaluate(const Piece *now, const Work *work, double h, double *x, double *rate) noexcept nogil:
-    """Write the state after a step of `h` into `x` (Horner's scheme, even and odd orders), its derivative into `rate`."""
+    """Write the state after a step of `h` into `x`, by Horner's scheme in h^2, and its derivative into `rate`."""
     cdef double[PLACES] odd, even
     cdef double square = h * h
     cdef int i, k

@@ -1,7 +1,7 @@
-"""A SPRING chain: the tool, or tool and robot, as one mass on a spring and damper. Its flights have a formula."""
+"""A SPRING chain: the tool, or tool and robot, as one mass on a spring and damper. Flights have a formula."""
 
 cdef enum:
-    MOST_BENDS = 300000  # most intervals between zeros of the gap's third derivative in a flight; with more: STEP_LIMIT
+    MOST_BENDS = 300000  # most intervals that `spring_touch` searches in a flight; with more: STEP_LIMIT
 
 
 cdef struct SpringRates:
@@ -80,7 +80,7 @@ cdef Gap gap_at(const Glide *glide, double time) noexcept nogil:
 
 
 cdef double monotone_zero(const Glide *glide, int order, bint rising, double low, double high) noexcept nogil:
-    """Return the zero of the penetration's derivative `order`; this must be monotone between `low` and `high`."""
+    """Return the time (s) at which the penetration's derivative `order` is 0; it is monotone from `low` to `high`."""
     cdef Gap gap
     cdef double following, time = 0.5 * (low + high)
     for _ in range(100):
@@ -99,7 +99,7 @@ cdef double monotone_zero(const Glide *glide, int order, bint rising, double low
 
 
 cdef double inflection_time(const Glide *glide, double after, const Gap *gap) noexcept nogil:
-    """Return the first time after `after` (s) at which the gap's third derivative (a free damped oscillation) is 0, or inf."""
+    """Return the first zero (s) after `after` of the gap's third derivative, a free damped oscillation; inf: none."""
     cdef double w = glide.frequency, zeta = glide.damping_ratio, p = gap.order[3]
     cdef double slope = gap.order[4] + zeta * w * p, square = (1.0 - zeta) * (1.0 + zeta) * w * w
     cdef double damped, phase, ratio, split
@@ -121,7 +121,7 @@ cdef double inflection_time(const Glide *glide, double after, const Gap *gap) no
 
 
 cdef double within_reach(const Glide *glide, double now) noexcept nogil:
-    """Return a time (s) before which no touch is possible, inf: never; later |z| <= hypot(z, z' / omega) at `now`."""
+    """Return a time (s) before which no touch is possible, or inf; later |z| <= hypot(z(now), z'(now) / omega)."""
     cdef double gap, swing, closed, z = glide.position, z_dot = glide.velocity
     if now > 0.0:
         z, z_dot = free_decay(glide.frequency, glide.damping_ratio, z, z_dot, now)
@@ -147,7 +147,7 @@ cdef double spring_touch(
     glide.closing = chain.penetration_rate - chain.deflection_rate
     glide.acceleration = acceleration + ground
     low = within_reach(&glide, 0.0)
-    for _ in range(MOST_BENDS):  # the gap has at most one inflection in an interval, so at most three monotone pieces
+    for _ in range(MOST_BENDS):  # between zeros of its third derivative, the gap has at most one inflection
         if not low < horizon:
             return INFINITY
         first = gap_at(&glide, low)
@@ -169,7 +169,7 @@ cdef double spring_touch(
 cdef double touch_in_bend(
     const Glide *glide, double begin, const Gap *first, double end, const Gap *last
 ) noexcept nogil:
-    """Return the time of the first touch between `begin` and `end`, where the gap has no inflection; inf: none."""
+    """Return the time (s) of the first touch between `begin` and `end`, inf: none; the gap has no inflection there."""
     cdef bint closing = first.order[1] > 0.0, still = last.order[1] > 0.0
     cdef double turn
     cdef Gap there

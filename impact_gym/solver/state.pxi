@@ -1,4 +1,4 @@
-"""The structures of the solver; some of them also exist as NumPy data types, see `kernels.pyx`."""
+"""The structures of the solver. Some of them also exist as NumPy data types (`kernels.pyx`)."""
 
 cpdef enum:  # kinds of chain; RIGID: the tool has the imposed motion; SPRING: one mass on a spring and damper;
     RIGID, SPRING, INTEGRATED  # INTEGRATED: every other chain
@@ -9,8 +9,8 @@ cpdef enum:
     TOUCHED = 2  # a contact begins
     PARTED = 3  # the contact has ended
     SWITCHED = 4  # another event ended a piece of the motion, see `conclude` in `integrate.pxi`
-    UNSETTLED = 5  # the simulation after an episode reached its time limit while a contact lasted or could still follow
-    STEP_LIMIT = -1  # more than `max_steps` integration steps, or more than MOST_BENDS intervals of a flight
+    UNSETTLED = 5  # the simulation after an episode ran out of time: a contact lasts or can still follow
+    STEP_LIMIT = -1  # more than `max_steps` integration steps, or a flight needs more than MOST_BENDS intervals
     NOT_FINITE = -2  # the state became inf or nan, a step became too short, or rounding errors became too large
 
 
@@ -42,14 +42,14 @@ cdef struct Law:  # the simplest chain that is equivalent to a mount
     double tool_mass  # kg, mass of the tool; in a SPRING chain plus the mass of a LUMPED robot that moves with the tool
     double frequency  # rad/s, undamped angular frequency of a SPRING chain
     double damping_ratio  # -, of a SPRING chain
-    int64_t coupled  # of an INTEGRATED chain; 1: the coupling is elastic; 0: tool and flange are one mass
+    int64_t coupled  # only in an INTEGRATED chain; 1: the coupling is elastic; 0: tool and flange are one mass
     int64_t with_tool  # 1: the robot is compliant and the coupling is DIRECT, so the flange moves with the tool
     int64_t bistable  # 1: the coupling is a bistable mechanism
     int64_t stops  # 1: the coupling has stops; then `mechanism` describes the whole coupling, linear or not
     double stiffness  # N/m, of a SPRING_DAMPER coupling in an INTEGRATED chain
     double damping  # N s/m, of a SPRING_DAMPER coupling in an INTEGRATED chain
     Mechanism mechanism
-    int64_t table  # index of the robot's table in the numbers of all tables; -1: the table is the field `lumped`
+    int64_t table  # index of the robot's table in `Run.tables`; -1: the table is the field `lumped`
     int64_t intervals  # number of intervals of the table in an INTEGRATED chain; 0: the robot is rigid
     Interval lumped
     double stiffest  # 1/s^2, largest ratio of the robot's stiffness to its mass at the breaks of the table
@@ -57,8 +57,8 @@ cdef struct Law:  # the simplest chain that is equivalent to a mount
 
 cdef struct Memory:  # state of the step control in a contact or a flight, kept from step to step
     double step  # length of the next step to try in a contact, in the variable s, see `contact.pxi`
-    int64_t method  # STIFF, or EXPLICIT (by Taylor series or explicit pair), which is also tried after some STIFF steps
-    int64_t seen  # number of attempts by `method`; above `patience`, EXPLICIT ones count only near instability
+    int64_t method  # STIFF or EXPLICIT (Taylor series or explicit pair)
+    int64_t seen  # number of attempts by `method`; EXPLICIT: after `patience`, only those near instability count
     int64_t patience  # number of EXPLICIT attempts before stiffness is checked
     int64_t rejected  # 1: the error of the last explicit attempt was too large
     double log_before  # natural logarithm of estimated / allowed error in the last accepted explicit step, at least -9
@@ -72,7 +72,7 @@ cdef struct Chain:  # state of motion of chain and object, and results so far
     double deflection_rate  # m/s
     double penetration  # m, position of the tool's face minus that of the object's face; at most 0 in flight
     double penetration_rate  # m/s
-    double flange_offset  # m, flange minus imposed position; 0 unless the robot is compliant and the coupling elastic
+    double flange_offset  # m, flange minus imposed position, for an elastic coupling on a compliant robot; else 0
     double flange_offset_rate  # m/s
     int64_t pressed  # which stop pushes: 1 front, -1 rear, 0 none
     int64_t side  # on which side of its alignment the slider of a mechanism is: 1 front, -1 rear
@@ -100,9 +100,9 @@ cdef struct Chain:  # state of motion of chain and object, and results so far
     # results so far
     int64_t contacts
     double first_contact  # s, start of the first contact; inf: none yet
-    double detection  # s, when the contact force first exceeded the threshold; inf if not yet
+    double detection  # s, when the contact force first exceeded `Run.threshold`; inf if not yet
     double peak_force  # N, largest force of all contacts
-    double peak_object_velocity  # m/s, with friction: largest so far; without: final, set at the end of an approach
+    double peak_object_velocity  # m/s, with friction: largest so far; without: final value, set when an approach ends
     double object_rest_time  # s, when the object last came to rest; 0: never
     double tool_rest_time  # s, since when the tool counts as at rest; inf: not at rest, or no friction
     double slide  # m, with friction: displacement of the object from start to rest, if no contact follows
@@ -113,8 +113,8 @@ cdef struct Chain:  # state of motion of chain and object, and results so far
     int64_t steps  # integration steps, rejected ones included
     int64_t logged  # number of contacts given to the contact log, including those that did not fit
     int64_t traced  # number of trace points, including those that did not fit
-    int64_t snaps  # number of passages of the slider through its alignment; `Recorder.snaps` may have the first ones only
-    int64_t status  # 0: the approach ran to its end; negative: the status that ended it earlier
+    int64_t snaps  # number of passages of the slider through its alignment, including those that did not fit
+    int64_t status  # 0: the approach lasted to its end; negative: status that ended it earlier
     double final_object_velocity, final_tool_velocity, final_flange_velocity  # m/s, at the end of an approach
 
 
@@ -147,7 +147,7 @@ cdef struct Recorder:  # arrays for contacts, trace points and passages of the a
 
 cdef extern from "solver/taylor.h" nogil:
     enum:
-        ORDER, PLACES  # of a Taylor series; ORDER: highest order, PLACES: number of components
+        ORDER, PLACES  # highest order of a Taylor series, number of its components
 
     ctypedef struct Polynomial:
         double held, damping, share, ground, tool_share, push, pull_y, pull_y_dot
@@ -178,7 +178,7 @@ cdef struct Work:  # work arrays of the integrator
 
 cdef struct Run:  # what the functions of the solver need in a run
     const Law *law
-    const double *tables  # numbers of all tables, one table after another
+    const double *tables  # numbers of all robot tables and motions, one after another
     Contact contact
     double object_mass  # kg
     double ground  # m/s^2, mu g, deceleration of an object that slides; 0 without friction

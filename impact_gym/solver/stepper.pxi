@@ -1,24 +1,24 @@
 """One step of the integrator: by a Taylor series, by the explicit pair DOP853, or by the L-stable pair Rodas5P.
 
 A step uses a Taylor series (`series.pxi`) if the piece is analytic (see `Piece`) and the series is not too steep,
-otherwise the explicit pair. As in Hairer's code, the last two stages of this pair are at the end of the step, so the
-largest eigenvalue lambda is about (difference of their rates) / (difference of their states). Near the limit of
-stability, h lambda about 6, the error estimate keeps the step h short. After repeated attempts near this limit the
-L-stable pair is used. After TRY of its attempts, the series or the explicit pair is tried, and kept if it succeeds.
+otherwise the explicit pair. The last two stages of the explicit pair are both at the end of the step. As in Hairer's
+code, the largest eigenvalue lambda is about (difference of their rates) / (difference of their states). Near the limit
+of stability, h lambda about 6, the error estimate keeps the step h short. After repeated attempts near this limit, the
+L-stable pair is used. After TRY attempts of that pair, the series or explicit pair is tried, and kept if it succeeds.
 """
 
 cdef enum:
     EXPLICIT, STIFF, SERIES
-    UNCHECKED = 25  # initial `patience`: number of attempts before stiffness is checked
+    UNCHECKED = 25  # initial `patience`: number of explicit attempts before stiffness is checked
     REPEATED = 10  # number of attempts near the limit of stability before the change to the L-stable pair
-    TRY = 10  # number of stiff attempts between two trials of the series or the explicit pair
+    TRY = 10  # number of attempts of the L-stable pair between two trials of the series or the explicit pair
     MOST = 16 * UNCHECKED  # largest `patience`
 
 cdef double NEAR = 3.5  # h lambda above which a step is near the limit; such steps have an h lambda of about 4 to 7
 
 
 cdef double attempt(const Piece *now, Work *work, double h) noexcept nogil:
-    """Try a step of `h` from `work.x` into `work.trial`; return estimated / allowed error, for a series 0.5 or 2."""
+    """Try a step of `h` from `work.x` into `work.trial`; return estimated / allowed error (a series: 0.5 or 2)."""
     if work.method == SERIES:
         evaluate(now, work, h, work.trial, work.trial_rate)
         return 0.5 if h <= work.longest else 2.0
@@ -29,10 +29,10 @@ cdef double attempt(const Piece *now, Work *work, double h) noexcept nogil:
 
 
 cdef double judge(const Piece *now, Work *work, double h, double *error) noexcept nogil:
-    """Return the factor by which to change `h`, and update `work.memory`; an `error[0]` above 1 rejects the step."""
+    """Return the factor for the next `h`; update `work.memory`. A trial that is not stable gets an `error[0]` of 2."""
     cdef Memory *memory = &work.memory
     memory.seen += 1
-    if work.method != STIFF and memory.method == STIFF:  # a trial; if unstable, it is rejected whatever its error
+    if work.method != STIFF and memory.method == STIFF:  # a trial after stiff steps
         if error[0] > 1.0 or h * apparent_eigenvalue(now, work) > NEAR:
             memory.seen, error[0] = 0, 2.0
             return 1.0
@@ -47,7 +47,7 @@ cdef double judge(const Piece *now, Work *work, double h, double *error) noexcep
 
 
 cdef void choose_method(const Piece *now, Work *work, double *h) noexcept nogil:
-    """Choose the method: a trial after TRY stiff steps. In a motion that is not stiff, a series sets or limits `h`."""
+    """Choose the method: a trial after TRY stiff attempts. If the motion is not stiff, a series sets or limits `h`."""
     cdef const Memory *memory = &work.memory
     cdef bint stiff = memory.method == STIFF, known = work.expanded
     work.method = STIFF if stiff and (memory.seen == 0 or memory.seen % TRY != 0) else EXPLICIT
@@ -83,7 +83,7 @@ cdef double step_factor(Work *work, double error) noexcept nogil:
 
 
 cdef void probe(const Piece *now, Work *work, double h, double share) noexcept nogil:
-    """Compute state and rate at the fraction `share` of the last attempt of `h`; explicit steps use a polynomial."""
+    """Compute state and rate at the fraction `share` of the last attempt of `h`; explicit pair: by a polynomial."""
     cdef int i
     if work.method != EXPLICIT:
         probe_exactly(now, work, h, share)

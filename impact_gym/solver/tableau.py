@@ -46,12 +46,12 @@ LAYOUTS = (
 
 
 def weighed(weights: dict[int, float], place: str) -> str:
-    """Return code for the weighted sum of the stages' rates of the component `place`."""
+    """Return code for the weighted sum, over the stages, of the rates of component `place`."""
     return " + ".join(f"{weight!r} * k{stage}.{place}" for stage, weight in weights.items())
 
 
 def moved(stage: int, place: str, newest: bool) -> str:
-    """Return code that computes a component at a stage; with `newest`, the rate of the stage before is added last."""
+    """Return code that computes a component at a stage; with `newest`, it adds the rate of the previous stage last."""
     *earlier, last = A[stage].items()
     if not newest:
         return f"{place}{stage} = {place}0 + h * ({weighed(A[stage], place)})"
