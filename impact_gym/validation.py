@@ -40,7 +40,7 @@ def nearest(kind: str, name: str, known: Iterable[str]) -> str:
 
 
 def unit_text(unit: str, preposition: str = "") -> str:
-    """Return a unit as text for a message, after `preposition`; without a unit ("-") only "(no unit)"."""
+    """Return `preposition` and `unit` for a message; for the unit "-" only "(no unit)"."""
     text = "(no unit)" if unit == "-" else unit
     return text if text.startswith("(") else f"{preposition}{text}"
 
@@ -159,7 +159,7 @@ def array(
 
 
 def rising(field: str, time: Sequence[float], columns: Mapping[str, Sequence[float]]) -> None:
-    """Raise ValueError unless the times, at least 2, rise from 0 and each column has a finite number for each time."""
+    """Raise ValueError unless 2 or more times rise from 0 s, and each column has one finite number per time."""
     for name, values in columns.items():
         if len(values) != len(time) or len(time) < 2 or not np.isfinite([*time, *values]).all():
             raise ValueError(f"{field} needs 2 or more times in s, each with a finite {name}, got {len(time)} times")

@@ -49,7 +49,7 @@ def minimise(
         searches.append(cma.CMAEvolutionStrategy((start - low) / (high - low), SIGMA, options))
 
     def within_limits(shares: Any) -> Floats:
-        return np.clip(low + np.clip(shares, 0.0, 1.0) * (high - low), low, high)  # a rounded sum may exceed a limit
+        return np.clip(low + np.clip(shares, 0.0, 1.0) * (high - low), low, high)  # rounding can exceed a limit
 
     generation = 0
     while generation < generations and not all(search.stop() for search in searches):
@@ -66,7 +66,7 @@ class Jittery(NamedTuple):
     """A rule with random errors added to its actions. In each scenario, all candidates get the same errors."""
 
     rule: Controller
-    jitter: float  # standard deviation of the errors, as a fraction of 2, the width of an action's range -1 ... 1
+    jitter: float  # standard deviation of the errors, as a fraction of an action's range (-1 to 1, width 2)
     scenarios: int
     rng: np.random.Generator
 
