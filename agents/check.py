@@ -40,7 +40,7 @@ class Check:
 
 
 def lag(task: Task) -> float:
-    """Return the tool's lag (m) behind the commanded motion at full acceleration, without vibrations."""
+    """Return the tool's steady lag (m) behind the commanded motion at full acceleration."""
     spring = task.tool_mass / task.coupling.stiffness if isinstance(task.coupling, SpringDamper) else 0.0
     arm = (task.robot.mass + task.tool_mass) / task.robot.stiffness if task.robot else 0.0
     return task.acceleration_range[1] * (spring + arm)

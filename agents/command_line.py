@@ -44,7 +44,7 @@ def read_command(
     registry, within = constructors.ConstructorRegistry(), list[object]()
 
     def usual_rule(get: Callable[..., Any], info: object) -> Any:
-        """Return `get(info)` by tyro's usual rule: `get` calls our own rule again, and that call returns None."""
+        """Return `get(info)` by tyro's usual rules: while `get` runs, our own rules return None."""
         if within:
             return None
         within.append(info)
@@ -55,7 +55,7 @@ def read_command(
 
     @registry.struct_rule
     def paragraphs(info: constructors.StructTypeInfo) -> constructors.StructConstructorSpec | None:
-        """Read a dataclass as tyro does; the lines of an option's help become a paragraph."""
+        """Read a dataclass as tyro does, but join the lines of each option's help."""
         spec = usual_rule(registry.get_struct_spec, info)
         if not isinstance(spec, constructors.StructConstructorSpec):
             return None
@@ -113,8 +113,8 @@ def command_line(name: str, after: str = "the same command continues") -> Iterat
 def command_of(name: str, options: Any, default: Any = None, *first: str) -> str:
     """Return the command line `impact-gym NAME ...` from which `read_command` reads `options`.
 
-    Named options with the values of `default` (None: the default values of the dataclass) are left out. The words in
-    `first` come before the options.
+    A named option is left out if `default` (None: the dataclass) has the same value. The words in `first` come before
+    the options.
     """
     positional, named = _words(options, default)
     return shlex.join(["impact-gym", name, *first, *positional, *named])

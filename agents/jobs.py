@@ -99,7 +99,7 @@ def cached(
     Raises:
         JobsFailedError: `failed` is None, and calls failed. The error is raised when all calls have ended.
         DiskFullError: the disk has no room for a result, or for a file that a call writes.
-        RuntimeError: there is no such cluster, or Ray is not installed.
+        RuntimeError: no Ray cluster answers at `cluster`, or Ray is not installed.
         TypeError, ValueError: other processes cannot import `function`, or an argument is wrong.
     """
     processes = None if processes is None else whole("processes", processes, at_least=0)
@@ -174,7 +174,7 @@ def _stored(call: Call, folder: Path) -> bytes | None:
 
 def _call(function: Callable[..., Any], arguments: Mapping[str, Any], depends: str) -> Call:
     module, name = function.__module__, function.__qualname__
-    if module == "__main__":  # `function` is in the module that a command runs as a script
+    if module == "__main__":  # a command runs the module of `function` as a script
         module = getattr(sys.modules["__main__"].__spec__, "name", "")
     if not module or not name.isidentifier():
         raise ValueError(f"other processes cannot import the function {name}: put it into a module, at its top level")
@@ -254,7 +254,7 @@ def on_cluster(calls: Sequence[Call], address: str) -> Answers:
         raise RuntimeError("Ray is not installed: install the extra `cluster`, here and on all nodes") from error
     sources = {"agents", "impact_gym", calls[0].function.replace(":", ".").split(".")[0]}
     sent: dict[str, Any] = {"py_modules": [str(origin_of(name)) for name in sorted(sources)], "env_vars": ONE_THREAD}
-    sent["working_dir"] = str(origin_of("agents") / "tuned")  # without modules, so that nodes import only `py_modules`
+    sent["working_dir"] = str(origin_of("agents") / "tuned")  # no modules here: nodes import from `py_modules`
     try:
         place = os.environ.get("RAY_ADDRESS", "") if address in ("ray", "auto") else address
         if place and place not in ("ray", "auto"):  # at an address without a cluster, Ray would wait for minutes

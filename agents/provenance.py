@@ -25,14 +25,14 @@ def circumstances(*packages: str) -> dict[str, Any]:
 
 
 def revision() -> dict[str, str | None]:
-    """Return git's commit and uncommitted changes; both None without git, or if git does not track these sources."""
+    """Return git's commit and uncommitted changes; both are None if git is missing or does not track this file."""
     if _git("ls-files", "--error-unmatch", __file__) is None:
         return {"commit": None, "changed since": None}
     return {"commit": _git("rev-parse", "HEAD"), "changed since": _git("status", "--porcelain", "--untracked-files=no")}
 
 
 def todays(command: str) -> str:
-    """Return a command, which an earlier version may have recorded, in the form of this version."""
+    """Return a command recorded by this or an earlier version, in the form of this version."""
     return re.sub(r"^python -m agents\.(\w+)", r"impact-gym \1", command).replace(" --algo ppo", "")
 
 

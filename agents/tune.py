@@ -25,7 +25,7 @@ from impact_gym.validation import distinct, nearest, number, whole
 SETUPS = shipped()
 BOUND_SCENARIOS, BOUND_POPULATION, BOUND_SEED = 64, 16, 1
 BOUND_RTOL = 1e-5  # default relative tolerance in `search_bound`; the error of V_p is then below 1e-6 m/s
-NEAR = 0.005  # s; `next_weight` stops if mean approach times on both sides of the target are this near to the target
+NEAR = 0.005  # s; `next_weight` stops when a mean approach time on each side of the target is this near
 MOST_TRIED = 8  # largest number of time weights that `tune_at_rule_time` adds to a baseline
 LEAST_WEIGHT, LARGEST_WEIGHT = QUANTITIES["time_weight"].scale[:2]  # m/s per s, limits of the search
 LOCK = ".lock"
@@ -41,7 +41,7 @@ class Tune:
     setups: tyro.conf.Positional[tuple[str, ...]] = SETUPS
     """Names of shipped set-ups, or files of set-ups."""
     names: tuple[str, ...] = ()
-    """Baselines to tune. Without this option, the command tunes all baselines in [baselines.tuned] of the set-ups."""
+    """Baselines to tune. Without this option, the command tunes all baselines of the set-ups."""
     weights: tuple[float, ...] = ()
     """Time weights, m/s per s. A time weight is the cost of a second until the touch. Without this option, the weights
     are `evaluation.weights` of the set-up."""
@@ -59,8 +59,8 @@ class Tune:
     """Also search for the bound: the lowest cost found for a controller that knows the scenario. The command skips
     set-ups that use the bound of another set-up."""
     at_rule_time: bool = False
-    """Also tune each baseline for at most eight more time weights. The command looks for two mean approach times: one
-    at most 5 ms below that of the paper's rule, and one at most 5 ms above."""
+    """Also tune each baseline for at most eight more time weights. The aim is a mean approach time at most 5 ms
+    below that of the paper's rule, and another at most 5 ms above."""
     processes: int = 2
     """Number of searches at the same time on this machine, each on one core. 0: the searches run in this process."""
     cluster: str | None = None
@@ -175,7 +175,7 @@ def tune_at_rule_time(options: Tune) -> None:
 
 
 def _tuned_before(name: str, setup: Setup, options: Tune, say: Callable[[str], None] = print) -> dict[str, Any]:
-    """Return the entries of a baseline's file, by weight, that were tuned with these settings for this environment."""
+    """Return a baseline's stored results, by time weight, from searches with these settings and environment."""
     if not (options.folder(setup) / f"{name}.json").is_file():
         return {}
     try:
@@ -220,7 +220,7 @@ def scores(rule: Rule, weight: float) -> dict[str, float]:
 def search_bounds(
     options: Tune, scenarios: int = BOUND_SCENARIOS, generations: int = tuned.BOUND_GENERATIONS
 ) -> list[Path]:
-    """Search for the bounds that the files lack, in the first `scenarios` test scenarios; return the files' paths."""
+    """Search for missing bounds in the first `scenarios` test scenarios; return the paths of the set-ups' bounds."""
     setups = [setup for setup in map(load_setup, options.setups) if setup.bound == setup.name]
     missing = list[tuple[Setup, float]]()
 

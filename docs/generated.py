@@ -112,7 +112,7 @@ def ids() -> str:
 
 
 def sets() -> str:
-    """Return the table of named ranges of scenarios."""
+    """Return the table of the named scenario sets, with the range of each quantity."""
     head = "Set|" + "|".join(f"`{row.id}` ({row.unit})" for row in SCENARIO)
     rows = [
         [f"`{name}`", *(f"{low:g} to {high:g}" for low, high in ranges.by_id().values())]
@@ -124,7 +124,7 @@ def sets() -> str:
 def laws() -> str:
     """Return the table of laws of dissipation."""
     rows = [[f'`"{name}"`', f"${law.formula}$", law.source] for name, law in PUBLISHED.items()]
-    fixed = '$d$ of `"exact"`, times the approach velocity, divided by `reference_velocity`'
+    fixed = '$d$ of `"exact"`, times the approach velocity, divided by `reference_velocity` (if $m = n$)'
     rows += [['`"exact"`', "the solution of the equation above", ""], ['`"fixed"`', fixed, ""]]
     return table("`dissipation`|$d$|Source", rows)
 

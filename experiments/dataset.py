@@ -42,7 +42,7 @@ PLAYERS = {
     "profile": "the first baseline in the set-up's `against`",
     "policy": "the set-up's learned policy",
 }
-SEED = 70_000_000  # default seed of the first episode; training, tuning and evaluation use other seeds
+SEED = 70_000_000  # default seed of the first episode; tuning, evaluation and the shipped trainings use other seeds
 ROOT = "MINARI_DATASETS_PATH"
 Players = Callable[[float], Controller]  # returns the controller for an episode's time weight, m/s per s
 
@@ -66,8 +66,8 @@ class DatasetOptions:
     seed: Annotated[int, arg(metavar="N")] = SEED
     """Seed of the first episode. Each later episode has the next seed."""
     operator: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: make a dataset)")] = None
-    """With a folder of tries: make this file, for an operator who replays a randomly chosen try in each episode. The
-    file contains the table [environment.operator] for a set-up."""
+    """File to write from a folder of tries. It contains the table [environment.operator] of a set-up: an operator who
+    replays a randomly chosen try in each episode."""
     include_marked: Annotated[FlagCreatePairsOff[bool], arg(help_behavior_hint="")] = False
     """Also use tries that impact-gym play marked as interrupted or late."""
     namespace: Annotated[str, arg(metavar="NAME")] = "impact"
@@ -176,7 +176,7 @@ def of_tries(options: DatasetOptions) -> Any:
             record = {**this.record, "operator.recording": number + 0.5}
             done = recorded(env, this.seed, record, partial(given, this.actions))
             if done.infos["done_time"][-1] != this.result["done_time"]:
-                raise ValueError("a replay ends at another time than its try: use the impact-gym version of the try")
+                raise ValueError("a try ends at another time when replayed: use the impact-gym version that saved it")
             yield done
 
     assists = ", ".join(sorted({this.assist for this in found}))
@@ -184,14 +184,14 @@ def of_tries(options: DatasetOptions) -> Any:
 
 
 def given(actions: Sequence[Sequence[float]], _weight: float) -> Any:
-    """Return a controller that plays these actions, then zeros."""
+    """Return a controller that plays `actions`, then zeros."""
     first, *others = np.array(actions, np.float32)
     ahead = chain([first], others, repeat(0.0 * first))
     return SimpleNamespace(predict=lambda *_, **__: (next(ahead)[None], None))
 
 
 def environment_of(about: Mapping[str, Any]) -> gym.Env[Any, Any]:
-    """Make a dataset's environment; ValueError: the metadata name a file, or an environment or code from elsewhere."""
+    """Make a dataset's environment; ValueError: its metadata name a file, a foreign environment or foreign code."""
     spec = json.loads(about["env_spec"])
     if spec["id"] not in IDS:
         raise ValueError(f"the environment's id must be one of {', '.join(IDS)}, got {shown(spec['id'])}")
@@ -212,7 +212,7 @@ def check(name: str) -> int:
     made = f"it was made with {', '.join(about.get('requirements', ['?']))}, solver {about.get('solver', '?')}"
     other = f"{made}; installed are impact-gym {version('impact-gym')}, solver {compiled_from()}"
     try:
-        env = environment_of(about)  # before `load_dataset`, which may import modules that the metadata name
+        env = environment_of(about)  # first, because `load_dataset` may import modules that the metadata name
         dataset = minari.load_dataset(name)
     except (AssertionError, AttributeError, LookupError, TypeError, ValueError, gym.error.Error) as problem:
         raise ValueError(

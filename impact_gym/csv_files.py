@@ -40,14 +40,14 @@ NUMBERS = {
 }
 COMMENTS = ("#", "%", "//")
 COMMENT_LINE = re.compile(r"^[ \t]*(#|%|//).*", re.MULTILINE)
-FIRST_LINES, FIRST_CHARACTERS = 500, 100_000  # the layout is found from at most this much of a file's beginning
+FIRST_LINES, FIRST_CHARACTERS = 500, 100_000  # of a file's beginning, which determines its layout
 
 
 class Column(NamedTuple):
     """A column to look for in a file."""
 
     unit: str  # SI unit, a key of SCALES
-    names: str  # regular expression for the column's name in a file, in lower case with a blank between words
+    names: str  # regular expression that matches the column's name in lower case, with a blank between words
     needs_unit: bool = False  # True: the file must state the unit, because several units are common
     may_be_empty: bool = False  # True: an empty field becomes nan; False: an empty field is refused
 
@@ -60,7 +60,7 @@ class _Layout(NamedTuple):
     separator: str | None
     decimal: str
     first: int  # index of the first line of numbers
-    least: int  # number of fields up to the last one that usually has a number
+    least: int  # number of fields up to the last column of numbers
     most: int  # number of fields in the first line of numbers
 
 
@@ -74,8 +74,8 @@ def read_columns(path: Path, wanted: Mapping[str, Column], unnamed: Sequence[str
     Args:
         path: a regular file in UTF-8, Latin-1, or UTF-16 with a byte order mark.
         wanted: the columns to look for, by name.
-        unnamed: names of the columns, in order, if the file has no names. In any file, the first of these names and at
-            least one other wanted column must be found.
+        unnamed: names of the columns, in order, if the file has no names. Every file must have the first of these
+            columns and at least one other wanted column.
 
     Raises:
         ValueError: `parsed` refuses the file, a column is missing or ambiguous, a unit is unknown or missing, or a
@@ -119,9 +119,9 @@ def _table(text: str, wanted: Mapping[str, Column], unnamed: Sequence[str]) -> T
 def _numbers(
     rows: Mapping[int, str], layout: _Layout, places: Mapping[str, int], wanted: Mapping[str, Column]
 ) -> NDArray[np.float64]:
-    """Return the numbers (rows, columns) in the fields `places` of each line; the keys of `rows` are line numbers."""
+    """Return the numbers (lines, columns). `rows`: lines by line number; `places`: index of each column's field."""
     if layout.decimal == "." and not any('"' in line for line in rows.values()):
-        with suppress(ValueError):  # if NumPy refuses a line (such as an empty field), the loop below reads all lines
+        with suppress(ValueError):  # if NumPy refuses a line, for instance for an empty field, the loop below reads all
             return np.loadtxt(
                 rows.values(), comments=None, delimiter=layout.separator, usecols=[*places.values()], ndmin=2
             )
@@ -158,7 +158,7 @@ def _layout(lines: Sequence[str]) -> _Layout:
                 most = sum(shares)
     if best is None:
         written = next((line for line in reversed(lines) if line.strip()), "")
-        reason = f"no line has two numbers among the first {len(lines)}; the last one with text is {shown(written)}"
+        reason = f"no line has two numbers (first {len(lines)} lines read); the last line with text is {shown(written)}"
         raise ValueError(reason if written else "it is empty")
     return best
 
@@ -166,7 +166,7 @@ def _layout(lines: Sequence[str]) -> _Layout:
 def _sources(
     lines: Sequence[str], layout: _Layout, wanted: Mapping[str, Column], unnamed: Sequence[str]
 ) -> tuple[_Sources, list[str]]:
-    """Return index and factor of each wanted column found, and the columns' names ("" for each if there are none)."""
+    """Return index and unit factor of each wanted column found, and the names of all columns ("" if unnamed)."""
     allowed = ", ".join(f"{name} ({column.unit})" for name, column in wanted.items())
     heads, units, between = _names(lines, layout, wanted)
     if heads and between:
@@ -200,7 +200,7 @@ def _sources(
 def _names(
     lines: Sequence[str], layout: _Layout, wanted: Mapping[str, Column]
 ) -> tuple[list[str], list[str], list[int]]:
-    """Return the columns' names and units, and the indices of other lines with text between names and numbers."""
+    """Return the columns' names and units, and the indices of the text lines between names and numbers."""
     units: list[str] = []
     between: list[int] = []
     for k in reversed(range(layout.first)):

@@ -44,7 +44,7 @@ class Trace(NamedTuple):
 
     @classmethod
     def of(cls, points: NDArray[Any]) -> "Trace":
-        """Return a trace with copies of `points` (n,), of the dtype `kernels.TRACE`."""
+        """Return a trace with copies of `points` (n,), an array of the dtype `kernels.TRACE`."""
         return cls(*(points[name].copy() for name in cls._fields))
 
 
@@ -65,12 +65,12 @@ class Outcome(NamedTuple):
     snap_through: tuple[float, ...]  # s, times at which the slider of a `Bistable` coupling passes the alignment
     peak_object_velocity: float  # m/s, largest velocity of the object; without friction the final velocity
     slide: float | None  # m, slide of the object until it rests, as if no contact followed the run; None: no friction
-    rest_time: float | None  # s, time from which tool (< 1 mm/s) and object rest; inf: tool moves; None: no friction
+    rest_time: float | None  # s, when tool and object come to rest; inf: the tool can exceed 1 mm/s; None: no friction
 
 
 @dataclass(frozen=True, eq=False)
 class Outcomes:
-    """Results of a sweep, fields as in `Outcome`; arrays have the broadcast shape of varied values and durations."""
+    """Results of a sweep, see `Outcome`. Each array has the broadcast shape of the varied values and durations."""
 
     object_velocity: Array  # m/s
     tool_velocity: Array  # m/s

@@ -17,7 +17,7 @@ class SI:
 
 
 class Parameters:
-    """A dataclass that checks its numbers when an object is made, and stores them as floats.
+    """Base class of dataclasses that check their numbers when an object is made, and store them as floats.
 
     The limits of a field come from the row "{path}.{field}" of `quantities` or from an annotation such as
     `Annotated[float, SI("m", above=0)]`. Fields with neither, and fields in `checked_by_itself`, are not checked. A

@@ -12,7 +12,7 @@ from impact_gym.validation import Range, interval, number
 
 HORIZON = 1.2  # s, default of the argument `horizon`
 AFTER_ALARM = 0.15  # s, default of the argument `after_alarm`
-PAST_READINGS = 3  # largest number of earlier readings in an observation
+PAST_READINGS = 3  # largest number of earlier readings of each sensor in an observation
 LARGEST_WEIGHT = 1e6  # m/s, largest cost of a second, of a newton or of a missed object, so that rewards stay finite
 
 
@@ -60,10 +60,10 @@ class Quantity:
     unit: str  # "-": no unit
     limits: Limits = Limits()
     draw: Draw | None = None
-    observed: str = ""  # "always", or the argument that adds the number; "": observed only by a critic, only if drawn
+    observed: str = ""  # "always", or the argument that adds the number; "": only a critic observes it, if it is drawn
     scale: Scale = NEVER_OBSERVED
     path: str = ""  # dotted path of the number in scene or motion, if the path is not the id
-    from_flange: bool = False  # True: what is observed is the number minus the flange position
+    from_flange: bool = False  # True: the observation has the number minus the flange position
     shaped_by: tuple[str, ...] = ()  # arguments of the environment that change the observed value
 
     def check(self, value: Any, name: str = "") -> float:
@@ -210,7 +210,7 @@ SET_UP = (
     set_up("range_sensor.dropout", "share of range readings that are lost", "-", LOST, 51, SHARE),
     set_up("range_sensor.delay", "delay of range readings", "s", SECONDS, 52, HALF),
 )  # fmt: skip
-"""Numbers of the set-up: arguments, or parts of arguments. Each may be a range, from which each episode draws."""
+"""Arguments of the environment, or parts of them. Each number may be a range, from which each episode draws."""
 
 DEFLECTION = Quantity("deflection", "displacement of the tool one reaction delay ago", "m", scale=Scale(-0.05, 0.05),
                       observed="deflection_sensor", shaped_by=("reaction_delay",))  # fmt: skip

@@ -61,7 +61,7 @@ class ImpactVecEnv(VecEnv):
         return list(self.envs.render() or ())
 
     def reset(self) -> VecEnvObs:
-        """Begin an episode in every slot, with the seeds and options that were set since the last reset."""
+        """Begin an episode in every environment, with the seeds and options that were set since the last reset."""
         one_of("options", self._options, list)
         if len(self._options) != self.num_envs:
             raise ValueError(f"options must be a mapping or {self.num_envs} mappings, got {len(self._options)}")
@@ -100,14 +100,14 @@ class ImpactVecEnv(VecEnv):
         return [getattr(self.envs, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Set an attribute of `envs`; `indices` must be all slots."""
+        """Set an attribute of `envs`; `indices` must include all environments."""
         self._must_be_all(indices, attr_name)
         setattr(self.envs, attr_name, value)
 
     def env_method(
         self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **method_kwargs: Any
     ) -> list[Any]:
-        """Call a method of `envs` once; `indices` must be all slots."""
+        """Call a method of `envs` once; `indices` must include all environments."""
         self._must_be_all(indices, method_name)
         value = getattr(self.envs, method_name)(*method_args, **method_kwargs)
         return [value for _ in range(self.num_envs)]

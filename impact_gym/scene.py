@@ -114,7 +114,7 @@ class Bistable(Parameters, path="coupling"):
 
     The tool is fixed to its slider. Positions of the slider are measured from the alignment, where the spring is
     perpendicular to the slider's path. A stop is a linear spring and damper that never pulls; its damping is 2 zeta_s
-    sqrt(k_s m_t), with the tool mass m_t. At zeta_s = 1 its restitution is exp(-2) = 0.135; the paper's stops are
+    sqrt(k_s m_t), with the tool mass m_t. At zeta_s = 1 the restitution is exp(-2) = 0.135; the paper's stops are
     completely inelastic. The paper prints no position, stiffness or damping of a stop (docs/provenance.md). At t = 0
     the spring presses the slider against the front stop. The slider leaves this stop if the flange acceleration exceeds
     `holding_force` / m_t.
@@ -190,7 +190,7 @@ class RobotTable(Parameters, path="robot"):
     Between the positions each parameter is a cubic spline (not-a-knot); outside them it is constant.
     """
 
-    position: tuple[float, ...]  # m, distances of the imposed motion from its start: at least 4 rising numbers
+    position: tuple[float, ...]  # m, distances along the imposed motion: at least 4 rising numbers
     mass: tuple[float, ...]  # kg; mass, stiffness and damping have one value per position
     stiffness: tuple[float, ...]  # N/m
     damping: tuple[float, ...]  # N s/m
@@ -209,7 +209,7 @@ class RobotTable(Parameters, path="robot"):
             values = self.splines(turns)[:, place]
             if np.any(values < 0) or (name != "damping" and np.any(values <= 0)):
                 raise ValueError(
-                    f"RobotTable.{name} must stay positive (damping: or 0) between positions, but its spline falls to "
+                    f"RobotTable.{name} must stay positive between positions (damping may be 0); its spline falls to "
                     f"{values.min():.6g} {BY_PATH[f'robot.{name}'].unit}: give more positions where it varies fast"
                 )
 

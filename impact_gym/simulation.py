@@ -43,11 +43,10 @@ def simulate(
         scene: the bodies and their connections, at rest at t = 0.
         motion: imposed motion of the robot.
         duration: length of the run, s.
-        rtol: relative error allowed in the results of contacts. Between contacts a motion with a closed form is exact;
-            others (bistable coupling, stops, `RobotTable`, spring on a `Robot`) are integrated to `rtol`.
-        trace: whether to return time histories; other results do not change. Between contacts the
-            points are at most 1 ms apart, or 1e-5 of `duration` if that is longer. In a contact there are 8 or 12
-            points per integration step.
+        rtol: relative error allowed in the results of contacts. Between contacts, motions with a closed form are exact;
+            with a bistable coupling, stops, a `RobotTable` or a spring on a `Robot`, they are integrated to `rtol`.
+        trace: whether to return time histories; other results do not change. Between contacts their points are at most
+            1 ms apart, or 1e-5 of `duration` if that is longer. A contact has 8 or 12 points per integration step.
 
     Raises:
         RuntimeError: the run cannot finish.
@@ -89,7 +88,7 @@ def simulate(
     )
 
 
-_namedtuple: Any = namedtuple  # Any: mypy accepts only literal fields
+_namedtuple: Any = namedtuple  # Any: mypy wants the field names as literals
 _End = _namedtuple("_End", CHAIN.names)  # a record CHAIN as Python numbers
 
 
@@ -183,8 +182,8 @@ def advise(
             contacts.
         duration: length of a run, s.
         arm: an arm and its line of approach, `(arm, arm.along(...))`, for scenes without a robot. Then the full model
-            simulates all joints, see `impact_gym.robot.all_joints`. In simpler models the robot is rigid, or
-            is an `Approach.robot_table` of one kind of mass, or has the constant values of this table at the object.
+            simulates all joints, see `impact_gym.robot.all_joints`. Simpler models have a rigid robot or a table
+            from `Approach.robot_table`. The table is used as it is, or only its values at the object's distance.
 
     Raises:
         RuntimeError: a run of the full model cannot finish.
@@ -220,7 +219,7 @@ FROZEN = "frozen where the object stands"
 
 
 def _simpler_models(line: Approach | None) -> Iterator[tuple[str, Callable[[Scene], Scene]]]:
-    """Yield name and function of each simpler model, for the scenes' own robots or for tables of a `line`."""
+    """Yield name and function of each simpler model; with a `line`, its robot tables replace the scenes' robots."""
     robots: dict[str, Any] = {"robot rigid": None}
     if line is None:
         robots = {"": "its own", f"robot {FROZEN}": "its own", **robots}
@@ -243,7 +242,7 @@ def _timed(
     motion: Trapezoid, duration: float, quantity: Advised, scenes: Sequence[Scene],
     arm: tuple[Arm, Approach] | None = None,
 ) -> tuple[Array, float]:  # fmt: skip
-    """Return the quantity for each scene, and the shortest computing time for all scenes, s."""
+    """Return the quantity for each scene, and the time (s) to compute all scenes, the shortest of several runs."""
     from impact_gym.robot.all_joints import simulate as simulate_arm  # imported here, because this takes 40 ms
 
     times: list[float] = []

@@ -27,7 +27,7 @@ def generated(name: str) -> str:
 
 
 def write() -> None:
-    """Write the generated sources whose text has changed; writing all would cause a new compilation."""
+    """Write the generated sources whose text has changed; rewriting the others would cause a new compilation."""
     for name in GENERATORS:
         file, text = HERE / name, generated(name)
         if not file.is_file() or file.read_text() != text:
@@ -44,7 +44,7 @@ def digest() -> str:
 
 
 def compiled_from() -> str:
-    """Return the digest of the sources of the compiled program."""
+    """Return the digest of the sources from which `impact_gym.kernels` was compiled."""
     from impact_gym.kernels import COMPILED_FROM
 
     return str(COMPILED_FROM)

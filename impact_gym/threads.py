@@ -1,4 +1,4 @@
-"""Distribute work on rows over threads; compiled loops release the interpreter lock."""
+"""Share a loop over rows among threads; compiled loops release the interpreter lock."""
 
 import os
 from collections.abc import Callable
@@ -10,7 +10,7 @@ _pools: dict[int, ThreadPoolExecutor] = {}
 
 
 def over_rows(run: Callable[[int, int], object], rows: int, threads: int, smallest: int) -> None:
-    """Call `run(first, last)` once for all `rows` rows, or for up to `threads` parts of `smallest` or more rows."""
+    """Call `run(first, last)` in up to `threads` threads; if there are several, each gets at least `smallest` rows."""
     pieces = max(1, min(threads, rows // smallest))
     (first, last), *others = pairwise(rows * piece // pieces for piece in range(pieces + 1))
     if others and os.getpid() not in _pools:  # a forked child makes its own pool

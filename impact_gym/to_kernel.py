@@ -54,13 +54,13 @@ STATUS_MESSAGES = {
     kernels.STEP_LIMIT: "more integration steps than allowed: the motion has too many swings or contacts",
     kernels.NOT_FINITE: "the state overflowed: the scene's scales differ by more than floating point can hold",
 }
-"""The message for each status, except 0, of a run or an episode."""
+"""The message for each status of a run or an episode; status 0 has none."""
 
 
 def approach_to_kernel(
     scene: Scene, motion: Trapezoid | Motion, duration: float, table_at: int = 0
 ) -> tuple[tuple[Any, ...], Numbers]:
-    """Return the fields of `kernels.APPROACH`, and a table (n,) of robot and motion, at `table_at` in all tables."""
+    """Return the fields of APPROACH and a table (n,) of robot and motion for index `table_at` of all tables."""
     held, table = mount_to_kernel(scene.tool.mass, scene.coupling, scene.robot, table_at)
     target = scene.object
     profile: tuple[float, ...]
@@ -96,7 +96,7 @@ _NO_MECHANISM = _NO_COUPLING[2:]
 def mount_to_kernel(
     tool_mass: float, coupling: Coupling, robot: Robot | RobotTable | None = None, table_at: int = 0
 ) -> tuple[tuple[Any, ...], Numbers]:
-    """Return the fields of `kernels.MOUNT`, and the robot's table (n,), placed at `table_at` in all tables."""
+    """Return the fields of MOUNT and the robot's table (n,) for index `table_at` of all tables."""
     kind, numbers = kernels.DIRECT, _NO_COUPLING
     if isinstance(coupling, SpringDamper):
         kind, numbers = kernels.SPRING_DAMPER, (coupling.stiffness, coupling.damping_ratio, *_NO_MECHANISM)

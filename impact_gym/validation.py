@@ -40,7 +40,7 @@ def nearest(kind: str, name: str, known: Iterable[str]) -> str:
 
 
 def unit_text(unit: str, preposition: str = "") -> str:
-    """Return a unit as text for a message, after `preposition`; without a unit ("-") only "(no unit)"."""
+    """Return `preposition` and `unit` for a message; for the unit "-" only "(no unit)"."""
     text = "(no unit)" if unit == "-" else unit
     return text if text.startswith("(") else f"{preposition}{text}"
 
@@ -58,7 +58,7 @@ def number(
     if type(value) is float and above < value <= at_most and at_least <= value < math.inf:  # the usual case
         return value
     wrong = WrongTypeError(f"{field} must be a number {unit_text(unit, 'in ')}, got {shown(value)}")
-    unit = unit_text(unit)
+    unit, wanted = unit_text(unit), unit_text(unit, "in ")
     kind = getattr(getattr(value, "dtype", None), "kind", "f")
     if isinstance(value, (str, bytes, bool)) or not hasattr(value, "__float__") or kind not in "fiu":
         raise wrong
@@ -159,7 +159,7 @@ def array(
 
 
 def rising(field: str, time: Sequence[float], columns: Mapping[str, Sequence[float]]) -> None:
-    """Raise ValueError unless the times, at least 2, rise from 0 and each column has a finite number for each time."""
+    """Raise ValueError unless 2 or more times rise from 0 s, and each column has one finite number per time."""
     for name, values in columns.items():
         if len(values) != len(time) or len(time) < 2 or not np.isfinite([*time, *values]).all():
             raise ValueError(f"{field} needs 2 or more times in s, each with a finite {name}, got {len(time)} times")
@@ -170,12 +170,12 @@ def rising(field: str, time: Sequence[float], columns: Mapping[str, Sequence[flo
 
 def interval(field: str, value: Any, unit: str, **limits: float) -> Range:
     """Return `value`, a number or a pair (low, high), as a pair, or raise TypeError or ValueError."""
-    unit = unit_text(unit)
+    unit, wanted = unit_text(unit), unit_text(unit, "in ")
     if not (isinstance(value, (tuple, list)) or getattr(value, "ndim", 0) > 0):
         single = number(field, value, unit, **limits)
         return single, single
     if len(value) != 2:
-        raise ValueError(f"{field} must be a number or a pair (low, high) in {unit}, got {shown(value)}")
+        raise ValueError(f"{field} must be a number or a pair (low, high) {wanted}, got {shown(value)}")
     low, high = (number(f"{field}[{place}]", end, unit, **limits) for place, end in enumerate(value))
     if low > high:
         raise ValueError(f"{field} must not be inverted: low {low:g} is above high {high:g} {unit}")

@@ -21,8 +21,8 @@ DETECTOR = (
     Parameter("force per kick", "N/m", 0.0, 5e3, 200.0),
     Parameter("share that a deflection keeps", "-", 0.0, 1.0, 0.7),
 )
-"""Parameters of the cumulative sum in `DetectorRule.touched`. For a critically damped tool, "share that a deflection
-keeps" is exp(-w T), with the natural frequency w (rad/s) and the control period T (s)."""
+"""Parameters of the cumulative sum in `DetectorRule.touched`. For a critically damped tool, the last parameter is
+exp(-w T), with the natural frequency w (rad/s) and the control period T (s)."""
 
 
 class DetectorRule(ReactingRule):
@@ -37,7 +37,7 @@ class DetectorRule(ReactingRule):
     MEMORY = 4  # cumulative sum; count, mean and sum of squared deviations of the forces that were read without alarm
 
     def see(self, view: View, state: Any, episode_start: Any) -> tuple[View, Any]:
-        """Return the view with the rule's own alarm, and the state: alarm start (s; inf: none) and MEMORY numbers."""
+        """Return the view with the rule's own alarm, and the state: alarm start (s; inf: off), then MEMORY numbers."""
         time, start = view["time"], state is None or (episode_start is not None and episode_start)
         raised, *memory = np.zeros((1 + self.MEMORY, *np.shape(time))) if state is None else state
         cleared = start | (time > raised + self.task.after_alarm - CLOCK)

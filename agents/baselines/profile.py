@@ -21,12 +21,12 @@ REACTION = (
 )
 ACCELERATION = Parameter("acceleration", "m/s^2", *ACCELERATION_RANGE, 15.0)
 """Limit of acceleration and deceleration on a profile; a low limit keeps a bistable mechanism on the front stop."""
-# standard deviations (m) of a distance: the reference of `StretchedProfile`, and the smallest that rules use
+# m, reference value and lower limit of the standard deviation of a distance
 USUAL_SPREAD, LEAST_SPREAD = 1e-2, 1e-3
 
 
 class ReactingRule(Rule):
-    """Follow a speed profile; while the alarm is on, command the velocities of the parameters REACTION."""
+    """Follow a speed profile; while the alarm is on, follow the velocities in REACTION."""
 
     OVER = "position"  # id of the observed number that the profile takes as its argument; a distance is negated
 
@@ -56,7 +56,7 @@ def follow(
     speed: Callable[[Floats], Floats], position: Floats, velocity: Floats,
     acceleration: ArrayLike = ACCELERATION_RANGE[1], period: float = CONTROL_PERIOD,
 ) -> tuple[Floats, Floats]:  # fmt: skip
-    """Return `speed` at the end of a `period` (s), and the acceleration to that speed, 1 ... `acceleration` (m/s^2)."""
+    """Return `speed` at the end of a `period` (s), and the acceleration to that speed (1 to `acceleration`, m/s^2)."""
     ahead = speed(position + velocity * period)
     reach = np.asarray(acceleration) * period
     ahead = np.clip(ahead, velocity - reach, velocity + reach)

@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 CONTROL_PERIOD: float = Task.control_period  # s
 DISTANCES = ScenarioRanges().distance
 """Default range of the objects' distances, m. Positions in parameters are for this range, see `Rule.placed`."""
-LEAST_STRETCH = 0.01  # m, lower limit in `Rule.placed` of near end and width of the task's range of distances
+LEAST_STRETCH = 0.01  # m, smallest near end and smallest width of a range of distances in `Rule.placed`
 SLOWEST = 1e-9  # m/s; a rule divides by the operator's speed, or by this number if the speed is smaller
 CLOCK = 1e-6  # s, tolerance in comparisons of observed times
 
@@ -50,7 +50,7 @@ class Rule:
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = ()
     NEEDS: ClassVar[Mapping[str, Any]] = {}
-    """Arguments of the environment that add the observations which the rule needs."""
+    """Arguments of an environment that has all observations the rule needs."""
     KNOWS: ClassVar[tuple[str, ...]] = ()
     """Names of the environment's arguments whose values the rule uses, see `agents.evaluate.play.controller_of`."""
     weights: Sequence[float] = ()
@@ -76,7 +76,7 @@ class Rule:
 
     @classmethod
     def of(cls, parameters: ArrayLike) -> Self:
-        """Return the rule with these parameters, even if the constructor of its class takes other arguments."""
+        """Make a rule from `parameters`, whatever arguments the constructor of the class takes."""
         rule = cls.__new__(cls)
         Rule.__init__(rule, parameters)
         return rule
@@ -112,7 +112,7 @@ class Rule:
         return twin
 
     def placed(self, position: Floats) -> Floats:
-        """Map a position (m) in a parameter to this task: DISTANCES becomes the task's range of distances."""
+        """Rescale a position (m) in a parameter from DISTANCES to the task's range of distances."""
         (near, far), (low, high) = DISTANCES, self.task.scenario.distance
         if (low, high) == DISTANCES:
             return position

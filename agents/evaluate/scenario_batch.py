@@ -30,8 +30,8 @@ MEASURED = (*RESULTS, *SLIDE, *LINKED)
 class Episodes:
     """Results of one controller; each array has an entry for each row of the batch."""
 
-    object_velocity: NDArray[np.float64]  # m/s, V_p (final velocity of the object)
-    approach_time: NDArray[np.float64]  # s, time until the touch, weighted in the cost; with an operator, `done_time`
+    object_velocity: NDArray[np.float64]  # m/s, V_p: the object's final velocity; with friction, its largest velocity
+    approach_time: NDArray[np.float64]  # s, time until the touch; with an operator, `done_time`
     peak_force: NDArray[np.float64]  # N, largest contact force
     contact_count: NDArray[np.int64]
     missed: NDArray[np.bool_]
@@ -86,7 +86,7 @@ class ScenarioBatch:
 
     @classmethod
     def of(cls, name: str, count: int | None = None, task: Task | None = None, **options: Any) -> "ScenarioBatch":
-        """Return a batch of the evaluation set `name`, or of its first `count` scenarios; `options` as for the class.
+        """Return a batch of the evaluation set `name`, or its first `count` scenarios; `options`: of `ScenarioBatch`.
 
         If the task has its own `scenario` ranges, the scenarios are drawn from these ranges, with the seeds of the set.
         """
@@ -103,8 +103,8 @@ class ScenarioBatch:
 
         Args:
             controller: controller that plays.
-            record: numbers (copies * count,) that replace drawn numbers, by their names in an episode's record. For a
-                number of tool, coupling or robot, the task must have a range.
+            record: arrays (copies * count,) that replace drawn numbers, by the name in an episode's record. A number
+                of tool, coupling or robot can only be replaced if the task has a range for this number.
             watch: function that gets the motion of the bodies before each control step.
 
         Raises:
@@ -158,11 +158,11 @@ class Validation:
 
 
 WITHIN_STEP = (0.25, 0.5, 0.75, 1.0)
-"""Fractions of a control step at which `Travel` evaluates the deflection, a cubic through both ends of the step."""
+"""Fractions of a control step at which `Travel` evaluates a cubic interpolation of the deflection."""
 
 
 class Travel:
-    """Largest change (m) of each row's deflection since the start: `deflection` until the touch, `stroke` so far."""
+    """Largest change (m) of each row's deflection since the start: `deflection` up to the touch, `stroke` up to now."""
 
     def __init__(self, rows: int) -> None:
         self.deflection, self.stroke = np.zeros(rows), np.zeros(rows)
@@ -170,7 +170,7 @@ class Travel:
         self._before: Bodies | None = None
 
     def __call__(self, now: Bodies) -> None:
-        """Update with the present motion; a `watch` for `ScenarioBatch.play`."""
+        """Update with the present motion. Pass this object as `watch` to `ScenarioBatch.play`."""
         before, self._before = self._before, now
         if before is None:
             self._rest = now.deflection

@@ -43,8 +43,8 @@ class Export:
     """Write all controllers of a set-up: its policy, its tuned baselines, and the untuned rules, such as the paper's
     rule."""
     folder: Path | None = None
-    """With --all: folder with the subfolders `policies` and `tuned` of the set-up. Without this option, the command
-    uses the folder into which `impact-gym train --seeds` and `impact-gym tune` write these subfolders."""
+    """With --all: folder with the subfolders `policies` and `tuned` of the set-up. The default is the folder into
+    which `impact-gym train --seeds` and `impact-gym tune` write."""
     episodes: int = 10_000
     """Number of episodes in which the command compares the controller in C with the controller in Python."""
     calls: int = 1_000_000

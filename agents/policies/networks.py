@@ -1,7 +1,7 @@
 """The small networks of policies, computed with NumPy.
 
-The result of a row has the same bits in every batch, because rows are multiplied in blocks of one size. Zeros fill the
-last block.
+An observation is a row. The result of a row has the same bits in every batch, because rows are multiplied in blocks of
+one size. Zeros fill the last block.
 """
 
 from collections.abc import Callable, Mapping
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float32]
-BLOCKS = (16, 8, 4, 2, 1)  # numbers of rows in a block that `Network.block` tries, in this order
+BLOCKS = (16, 8, 4, 2, 1)  # block sizes, in rows, that `Network.block` tries in this order
 CHUNK = 512  # number of rows that `Network.read` computes together, few enough for the processor's cache
 ACTIVATIONS: dict[str, Callable[[Floats], Floats]] = {
     "tanh": np.tanh,
@@ -69,7 +69,7 @@ class Network:
 
     @cached_property
     def block(self) -> int:
-        """Number of rows in a block: the largest for which no layer's result depends on the row's position."""
+        """Number of rows in a block: the largest in BLOCKS for which a row's position changes no result."""
         return next(rows for rows in BLOCKS if all(layer.rounds_alike(rows) for layer in self.layers()))
 
     def read(self, head: Affine, inputs: Floats) -> Floats:

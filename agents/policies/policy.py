@@ -165,7 +165,7 @@ def scales(task: Task) -> dict[str, list[dict[str, Any]]]:
 
 
 def load_ensemble(name: str | Path) -> Ensemble:
-    """Return the policies of a shipped set-up (by name), of a file or of a training's run folder, for all seeds.
+    """Return all policies of a shipped set-up (by name) or of a file, or the best policy of a run folder.
 
     Raises:
         TypeError, ValueError: `name` is no shipped policy, file or run folder; or the file is no policy, is damaged, or

@@ -1,8 +1,8 @@
 """Set-ups: an arm, its training, baselines and evaluation in one TOML file.
 
 `[environment]` holds the arguments of the environment. `[training]` holds the settings of `agents.setups.training` that
-differ from the defaults. `[baselines]` names the rules to tune, and the rivals of the policies. `[evaluation]` holds
-the time weights, the scenarios, and the arguments that are varied to test robustness.
+differ from the defaults. `[baselines]` names the rules to tune, and the baselines to compare with the policies.
+`[evaluation]` holds the time weights, the scenarios, and the arguments that are varied to test robustness.
 """
 
 from agents.setups.setup import FIXED, README, RULES, TUNED, Setup, load_setup, owner, shipped, shipped_baselines

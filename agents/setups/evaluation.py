@@ -59,7 +59,7 @@ class Evaluation:
     """Values of arguments, such as robot.stiffness; one argument is changed at a time. An argument has a list of values
     or a table {times = [...]} of multiples of the set-up's value. For `scenario`, the list has names of sets."""
     nominal: Mapping[str, Any] = field(default_factory=dict)
-    """Fixed arguments that replace ranges of the set-up, before `varied` changes an argument. In a file, robot =
+    """Arguments with fixed values, instead of the set-up's ranges, in all variations of `varied`. In a file, robot =
     "rigid" means no robot compliance."""
 
     @classmethod
@@ -94,8 +94,8 @@ class Evaluation:
 def usual(environment: Mapping[str, Any], robot: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Return the default variations of an environment: VARIED, and some values that depend on the environment.
 
-    In one variation, `robot` replaces a rigid robot. If episodes draw no number of the set-up, a spring without stops
-    gets a `stroke` shorter than the tool's lag. With the default scenario ranges, the set `hard` is also played.
+    A rigid robot is also replaced by `robot`. A spring without stops also gets a `stroke` of 40 % of its deflection at
+    full acceleration, if `Task.drawn` is empty. With the default scenario ranges, the set `hard` is also played.
     """
     with warnings.catch_warnings(action="ignore", category=UserWarning):
         task = Task(**environment)
@@ -122,8 +122,8 @@ class Change:
     value: float  # new value in the argument's unit, or a factor, see `multiple`; nan: the new value is not a number
     multiple: bool  # whether `value` is a multiple of the environment's own value
     environment: Mapping[str, Any]  # all arguments of the environment, after the change
-    scenarios: str = ""  # name of the evaluation set to play instead of `Evaluation.set`; empty: none
-    same: bool = False  # whether the argument keeps the environment's own value
+    scenarios: str = ""  # name of the evaluation set to play; empty: `Evaluation.set`
+    same: bool = False  # whether the new value equals the environment's own value
 
 
 def variants(evaluation: Evaluation, environment: Mapping[str, Any]) -> list[Change]:
@@ -157,7 +157,7 @@ def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool
         return
     for value in listed:
         try:
-            # a UserWarning says that a value makes the task hard, which is intended here
+            # hard tasks are intended here, so a UserWarning about a hard task is ignored
             with within(where), warnings.catch_warnings(action="ignore", category=UserWarning):
                 other = None if value == "rigid" else value
                 if multiples:

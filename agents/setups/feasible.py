@@ -8,8 +8,8 @@ from impact_gym.task import QUANTITIES, ObservationSpec, Task
 from impact_gym.task.task import MOUNT_IDS
 
 OVERSHOOT = 2.0
-"""Largest ratio of a compliant robot's acceleration to the commanded acceleration, for an undamped spring and one step
-of the command. Several steps at the robot's natural frequency can cause a larger ratio."""
+"""Largest ratio of a compliant robot's acceleration to the commanded acceleration, if the robot is an undamped spring
+and the command jumps once. Several jumps at the robot's natural frequency can cause a larger ratio."""
 
 
 def warnings(task: Task) -> list[str]:
@@ -33,8 +33,8 @@ def warnings(task: Task) -> list[str]:
         holds = [corner.coupling.holding_force / corner.tool_mass for corner in tasks]
         if max(holds) < least:
             raise ValueError(
-                f"environment.coupling must hold the tool at {least:g} m/s^2, the arm's lowest acceleration; its front "
-                f"stop holds at most {max(holds):.3g} m/s^2"
+                f"environment.coupling must hold the tool at {least:g} m/s^2, the arm's lowest acceleration, but its "
+                f"front stop holds at most {max(holds):.3g} m/s^2"
             )
         if min(holds) < most * (1.0 if task.robot is None else OVERSHOOT):
             swings = f", and a compliant robot can overshoot to {OVERSHOOT:g} times this and more" if task.robot else ""

@@ -46,8 +46,8 @@ class Tuned(NamedTuple):
 
     rule: str  # name of the rule, one of RULES
     rtol: float = Task.rtol  # relative tolerance of simulations in the search; the validation uses the task's rtol
-    clean_alarm: bool = False  # whether search and validation use an alarm without errors
-    jitter: float = 0.0  # standard deviation of errors that the search adds to actions, as a fraction of their range
+    clean_alarm: bool = False  # whether search and validation play with an alarm from the exact contact force
+    jitter: float = 0.0  # standard deviation of errors that the search adds to an action, as a fraction of its range
     scenarios: int = 300  # number of scenarios that each candidate plays in the search
 
 
@@ -65,7 +65,7 @@ class Setup:
     training: Training = field(default_factory=Training)
     tuned: Mapping[str, Tuned] = field(default_factory=dict)  # baselines that the set-up tunes, by name
     against: tuple[str, ...] = ()  # names of compared baselines, besides the paper's rule; the first is the main rival
-    bound: str = ""  # name of the set-up, this one or another, whose clairvoyant bound applies here
+    bound: str = ""  # name of the set-up that has the bound: lowest cost of a controller that knows the scenario
     budget: int = BUDGET  # number of candidates that tuning tries for each time weight
     evaluation: Evaluation = field(default_factory=Evaluation)
     fails: str = UNSAID  # where the set-up's policy fails, in words
@@ -74,11 +74,11 @@ class Setup:
     seeds: int = SEEDS  # number of trainings, with seeds from 0 on
 
     def make(self, **more: Any) -> gym.Env[Any, Any]:
-        """Return the set-up's Gymnasium environment, with `more` arguments."""
+        """Return the set-up's Gymnasium environment; arguments in `more` replace those of the set-up."""
         return gym.make("impact_gym:ImpactApproach-v0", **{**self.environment, **more})
 
     def make_vec(self, num_envs: int, **more: Any) -> gym.vector.VectorEnv[Any, Any, Any]:
-        """Return `num_envs` environments as one Gymnasium vector environment, with `more` arguments."""
+        """Return `num_envs` environments as one Gymnasium vector environment; for `more` see `make`."""
         return gym.make_vec("impact_gym:ImpactApproach-v0", num_envs=num_envs, **{**self.environment, **more})
 
     @cached_property
@@ -226,11 +226,11 @@ def _refuse_unknown(setup: Setup, given: Mapping[str, Any]) -> None:
         for weight in np.atleast_1d(getattr(setup.evaluation, name)).tolist():
             if name in given:
                 number(f"evaluation.{name}", weight, "m/s per s", at_least=low, at_most=high)
-            elif name != "curve" and not low <= weight <= high:  # the default of `curve` leaves out such weights
+            elif name != "curve" and not low <= weight <= high:  # the report omits such weights of `curve`
                 what = f"{weight:g} m/s per s, a default of evaluation.{name}"
                 raise ValueError(f"training.time_weight must include {what}, got {low:g} to {high:g} m/s per s")
     baselines = {*setup.tuned, *shipped_baselines()}
-    known("baselines.against.", setup.against, {*baselines, *FIXED})  # so that no file can name code to import
+    known("baselines.against.", setup.against, {*baselines, *FIXED})  # only names: a set-up's file must not import code
     known("training.teacher.", [setup.training.teacher], {"", *baselines, *FIXED})
     known("baselines.bound.", [setup.bound], [setup.name, *shipped()])
 
@@ -238,7 +238,7 @@ def _refuse_unknown(setup: Setup, given: Mapping[str, Any]) -> None:
 def _tuned(name: str, given: Any, task: Task) -> Tuned:
     entry = {"rule": given} if isinstance(given, str) else given
     if not isinstance(entry, dict) or entry.get("rule") not in RULES:
-        raise ValueError(f"{name} must be a rule ({', '.join(RULES)}) or a table with such a rule, got {given!r}")
+        raise ValueError(f"{name} must be a rule ({', '.join(RULES)}) or a table with the key rule, got {given!r}")
     known(f"{name}.", entry, Tuned._fields)
     rtol = QUANTITIES["rtol"].check(entry.get("rtol", Task.rtol), f"{name}.rtol")
     flag(f"{name}.clean_alarm", clean_alarm := entry.get("clean_alarm", False))

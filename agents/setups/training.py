@@ -20,7 +20,7 @@ WHOLE: dict[str, tuple[int, float]] = {
     "envs": (1, SLOTS),
 }
 """Limits of the settings that are whole numbers."""
-FEWEST = 8  # smallest number of entries of an observation
+FEWEST = 8  # smallest length of an observation
 
 
 @dataclass(frozen=True)

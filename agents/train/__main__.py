@@ -31,7 +31,7 @@ class TrainOptions:
     file's default policy is the one with the median validation score. If you repeat the command after an interruption,
     it trains only the missing policies."""
     out: Path | None = None
-    """Folder for the files of the training. Without --seeds, give a new folder; the default is a new folder in runs/.
+    """Folder for the files of the training. Without --seeds, the folder must not exist yet; the default is in runs/.
     With --seeds, each training has a subfolder, and the default is runs/all/SETUP."""
     policies: Path | None = None
     """With --seeds: folder for the file that contains all policies. The default is the folder of the shipped policies
@@ -51,7 +51,7 @@ class TrainOptions:
         if self.seeds is not None:
             whole("seeds", self.seeds, at_least=1)
             if self.seed:
-                raise ValueError(f"seed must be 0 with seeds, which uses the seeds 0, 1 and so on; got {self.seed}")
+                raise ValueError(f"seed must be 0 with seeds (trainings have seeds 0, 1 and so on), got {self.seed}")
 
 
 def read_options(arguments: Sequence[str]) -> TrainOptions:
@@ -59,7 +59,7 @@ def read_options(arguments: Sequence[str]) -> TrainOptions:
     setup = read_command("train", TrainOptions, arguments).setup
     default = TrainOptions(setup, load_setup(setup).training)
     options = read_command("train", TrainOptions, arguments, default)
-    if options.resume and options != replace(default, resume=options.resume):
+    if options.resume and options != replace(default, setup=TrainOptions.setup, resume=options.resume):
         raise ValueError("--resume takes all settings from the run: give no other option")
     return options
 
@@ -76,5 +76,5 @@ def run(options: TrainOptions) -> Path:
 
 
 if __name__ == "__main__":
-    with command_line("train", "the same command continues with --seeds; else use --resume with the run folder"):
+    with command_line("train", "with --seeds, the same command continues; without, use --resume with the run folder"):
         print(run(read_options(sys.argv[1:])))

@@ -1,4 +1,4 @@
-"""A callback that validates, logs, and saves policies and checkpoints, between rollouts and after the training."""
+"""A callback that validates, logs, and saves policies and checkpoints."""
 
 import csv
 import io
@@ -56,8 +56,8 @@ class TrainingCallback(BaseCallback):
             "best": math.inf,
             "curve": [],  # [steps, score] of each validation
             "rows": [],  # rows of progress.csv
-            "collapsed": 0,  # number of validations in a row that missed nearly all objects, counted after BEGINNING
-            "seconds": 0.0,  # s, duration of the training in earlier processes; after the training, in all processes
+            "collapsed": 0,  # number of successive validations, after BEGINNING, that missed nearly all objects
+            "seconds": 0.0,  # s, training time of earlier processes; after the training, total training time
         }
 
     def _on_step(self) -> bool:
@@ -134,7 +134,7 @@ class TrainingCallback(BaseCallback):
                 self.logger.record(f"objectives/{name}", self.kept["sums"][name] / self.kept["episodes"])
         self.kept |= {"sums": dict.fromkeys(OBJECTIVES, 0.0), "episodes": 0}
         row = {name: float(value) for name, value in self.logger.name_to_value.items()}
-        self.logger.dump()  # also deletes the values from the logger
+        self.logger.dump()  # this call also clears the logger
         self.kept["rows"].append({STEPS: self.num_timesteps, **row})
         columns = {name for each in self.kept["rows"] for name in each}
         table = csv.DictWriter(text := io.StringIO(newline=""), sorted(columns))

@@ -2,8 +2,8 @@
 
 The callback writes a checkpoint between two rollouts, when the rollout buffer is empty and need not be stored. A
 checkpoint contains networks, optimiser, counters, environments, the random states of torch, NumPy and Python, and the
-values that the log has not written yet. The file does not have torch's format: `torch.load(weights_only=True)` reads
-NumPy arrays only if private functions of NumPy are allowed, and does not detect a damaged file.
+values that the log has not written yet. The file is not in torch's format, because `torch.load(weights_only=True)`
+needs private functions of NumPy to read arrays, and does not detect a damaged file.
 """
 
 import json

@@ -21,7 +21,7 @@ class Teacher:
     """A baseline to imitate, with the tuned parameters that have the lowest cost at each episode's time weight."""
 
     def __init__(self, setup: Setup, name: str, privileged: bool = True) -> None:
-        """Make a teacher from one of FIXED, or a tuned baseline, of the set-up or shipped; `privileged`: see `Task`."""
+        """Make a teacher: one of FIXED, a tuned baseline of `setup`, or a shipped one; `privileged`: see `Task`."""
         rules, means, self.checksum = [FIXED[name]()] if name in FIXED else [], [(0.0, 0.0)], name
         if not rules:
             content = read_tuned(name, setup=setup)
@@ -37,8 +37,8 @@ class Teacher:
     def actions(self, observations: NDArray[Any], episode_starts: NDArray[Any]) -> NDArray[np.float32]:
         """Return the teacher's actions (steps, envs, k) for `observations` (steps, envs, n_obs).
 
-        If the observations include the time since the touch (privileged, `alarm="reading"`), an alarm without errors,
-        as from a switch, replaces the observed alarm. The teacher has no memory before the first step.
+        With `privileged` and `alarm="reading"`, the observations contain the time since a switch would have raised the
+        alarm. The teacher then gets the alarm of this switch. At the first step, the teacher has no memory.
         """
         spec, time_weight = self.spec, self.spec.decode(observations, "time_weight")
         if "time_since_touch" in spec.ids:
@@ -46,7 +46,7 @@ class Teacher:
             observations = observations.copy()
             observations[..., spec.index("alarm")] = touched > 0.0
             observations[..., spec.index("time_since_alarm")] = touched
-        velocity, time = self.means.T  # means (m/s, s) of each tuned rule on the validation set
+        velocity, time = self.means.T  # mean object velocity (m/s) and approach time (s) of each rule in the validation
         best = (velocity + time_weight[..., None] * time).argmin(axis=-1)
         chosen = np.zeros((*best.shape, self.action_size), np.float32)
         for place, rule in enumerate(self.rules):

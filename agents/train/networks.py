@@ -26,7 +26,7 @@ CENTRE_AND_SPREAD = {
     "force": (0.05, 0.1),
     "force_peak": (0.15, 0.25),
     "time_weight": (0.0, 0.3),
-    "distance_estimate": (0.05, 0.1),  # a small spread, so that an error of 10 mm matters
+    "distance_estimate": (0.05, 0.1),  # small, so that the networks notice an estimation error of 10 mm
     "range_noise": (0.3, 0.2),
     "deflection": (0.0, 0.2),
     "object_mass": (0.15, 0.3),
@@ -41,13 +41,13 @@ that vary little would influence the networks only late in the training."""
 def standardisation(tasks: Sequence[Task]) -> NDArray[np.float64]:
     """Return centre and spread of each observed number, (2, n_obs); all `tasks` have the same observation.
 
-    A random number that is not in CENTRE_AND_SPREAD has the mean and standard deviation of its range. Every other
-    number that is not in CENTRE_AND_SPREAD has the centre 0 and the spread 1.
+    Numbers in CENTRE_AND_SPREAD have the values there. If another number is drawn from a range, its centre is the mean
+    of the range, and its spread is the standard deviation. All others have the centre 0 and the spread 1.
     """
     spec, pairs = ObservationSpec.of_rows(tasks), []
     drawn = {name: pair for task in reversed(tasks) for name, pair in task.ranges.items() if pair[0] < pair[1]}
     for name in spec.ids:
-        newest = re.sub(r"_\d$", "", name)  # a past reading has the entry of the newest reading
+        newest = re.sub(r"_\d$", "", name)  # a past reading has the centre and spread of the newest one
         if newest in CENTRE_AND_SPREAD:
             pairs.append(CENTRE_AND_SPREAD[newest])
         elif name in drawn:
@@ -84,7 +84,7 @@ class AsymmetricPolicy(ActorCriticPolicy):
         self.actor_inputs = actor_inputs
         super().__init__(*arguments, **options)
 
-    def _build_mlp_extractor(self) -> None:  # stable-baselines3 documents that custom networks go here (2.9)
+    def _build_mlp_extractor(self) -> None:  # documented by stable-baselines3 2.9 for custom networks
         layers: Any = self.net_arch
         actor: Any = MlpExtractor(self.actor_inputs, {"pi": layers, "vf": []}, self.activation_fn, "cpu")
         critic = MlpExtractor(self.features_dim, {"pi": [], "vf": layers}, self.activation_fn, "cpu")

@@ -60,7 +60,7 @@ class Run:
 
     @cached_property
     def task(self) -> Task:
-        """The task of the policy, with the time weights of the training."""
+        """The set-up's task, with the training's range of time weights."""
         return self.setup.task.changed({"time_weight": list(self.training.time_weight)})
 
     @cached_property
@@ -71,7 +71,7 @@ class Run:
 
     @property
     def slots(self) -> list[dict[str, Any]]:
-        """Changed arguments of each environment: first environments without changes, then `mixed`, then `nominal`."""
+        """Changed arguments of each environment. The first have none, the next `mixed`, and the last `nominal`."""
         shares = (*self.setup.mixed, (self.training.nominal, self.setup.evaluation.nominal))
         others = [dict(changes) for share, changes in shares for _ in range(round(share * self.training.envs))]
         return [{} for _ in range(self.training.envs - len(others))] + others
@@ -83,7 +83,7 @@ class Run:
         return command_of("train", self.training, self.setup.training, self.setup.called, *seed)
 
     def made_for(self) -> dict[str, Any]:
-        """Return settings and everything else that determines the result, as JSON values."""
+        """Return all inputs that determine the result, such as the settings and the environment, as JSON values."""
         evaluation, training = self.setup.evaluation, self.training
         settings = {"setup": self.setup.called, "seed": self.seed, **asdict(training)}
         made = {"settings": settings, "environment": self.task.arguments(), "weights": evaluation.weights}
@@ -127,7 +127,7 @@ class ScaledRewards(VecEnvWrapper):
         self._scale = scale
 
     def _seen(self, observations: VecEnvObs) -> VecEnvObs:
-        """Set the scales from the time weights in `observations` (num_envs, n_obs); return `observations`."""
+        """Compute the next rewards' scales from the time weights in `observations`; return `observations`."""
         time_weight = self._spec.decode(np.asarray(observations), "time_weight")
         self._scale = np.asarray((1.0 + time_weight) ** -self._power, np.float32)
         return observations

@@ -26,8 +26,8 @@ def train_seeds(
     setup: Setup, training: Training, seeds: int, out: Path, policies: Path, processes: int | None = None,
     cluster: str | None = None,
 ) -> Path:  # fmt: skip
-    """Train with each seed below `seeds`, unless `out` has the finished run; return the file of all policies."""
-    training = replace(training, simulation_threads=1)  # the number has no effect on the result
+    """Train with the seeds 0 to `seeds` - 1, but reuse finished runs in `out`; return the file of all policies."""
+    training = replace(training, simulation_threads=1)  # does not change the result
     folders = [out.resolve() / f"seed-{seed}" for seed in range(seeds)]
     arguments = list[dict[str, Any]]()
     for seed, folder in enumerate(folders):
@@ -48,7 +48,7 @@ def train_seeds(
 
 
 def median(policies: list[Policy]) -> Policy:
-    """Return the policy with the median score; of two in the middle, the worse policy."""
+    """Return the policy with the median score; for an even number of policies, the worse of the middle two."""
     ordered = sorted(policies, key=lambda policy: (policy.provenance["validation"]["score"], policy.seed))
     return ordered[len(policies) // 2]
 
@@ -59,10 +59,10 @@ def train_one(folder: str, made_for: Mapping[str, Any]) -> dict[str, bytes]:
     with tempfile.TemporaryDirectory(prefix="impact-gym-run-") as elsewhere:
         try:
             run.parent.mkdir(parents=True, exist_ok=True)
-        except OSError:  # for example, on a cluster without a common disk
+        except OSError:  # for example, this node of a cluster cannot access the folder
             run = Path(elsewhere) / run.name
         if (run / "config.json").is_file():
-            _refuse_another(str(run), made_for)  # on a cluster, `train_seeds` may run where this folder is missing
+            _refuse_another(str(run), made_for)  # again, because `train_seeds` may run on another machine
             resume(run)
         else:
             shutil.rmtree(run, ignore_errors=True)  # left by a training that was killed before it wrote config.json

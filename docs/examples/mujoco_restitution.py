@@ -1,4 +1,4 @@
-"""Approximate restitution and Hertz stiffness by MuJoCo's `solref`, and print the errors; needs the extra `robot`."""
+"""Approximate restitution and Hertz stiffness by MuJoCo's `solref`, and print the results; needs the extra `robot`."""
 
 from math import acos, acosh, log, pi, sqrt
 from typing import Any

@@ -1,4 +1,4 @@
-"""Train PPO of stable-baselines3 in a native batch of environments."""
+"""Train PPO of stable-baselines3 in a vector environment."""
 
 import sys
 

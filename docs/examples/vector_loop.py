@@ -1,4 +1,4 @@
-"""The paper's rule in a native batch: one episode in each of 1,000 environments."""
+"""The paper's rule in a vector environment: one episode in each environment."""
 
 import gymnasium as gym
 import numpy as np

@@ -54,7 +54,7 @@ def in_words(design: str) -> str:
 
 
 def reduction(line: pl.DataFrame, paper: pl.DataFrame) -> Estimate:
-    """Return 1 - V_p of `line` / V_p of `paper`, the paper's rule, at the mean approach time of the rule."""
+    """Return 1 - V_p(`line`) / V_p(`paper`) at the mean approach time of `paper`, which is the paper's rule."""
     resamples = Resamples(len(paper))
     ours, theirs = (
         grid.front(rows.rename({"allowed": "weight"}).with_row_index("episode"), resamples) for rows in (line, paper)

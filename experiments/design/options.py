@@ -41,13 +41,13 @@ class DesignOptions:
     pad: str = ""
     """Pad on the tool: memory-foam, neoprene or norbornene. Empty: no pad. The tool's mass includes the pad."""
     times: tuple[float, ...] = (0.9, 1.0, 1.15, 1.35)
-    """Largest mean approach times (times until the touch), as multiples of that of the paper's rule with the paper's
-    spring. The command searches for a coupling for each of these times."""
+    """Largest mean approach times (times until the touch). 1 stands for the mean approach time of the paper's rule with
+    the paper's spring. The command searches for a coupling for each of these times."""
     limits: Annotated[Limits, tyro.conf.arg(name="")] = field(default_factory=Limits)
     search: Annotated[SearchBudget, tyro.conf.arg(name="")] = field(default_factory=SearchBudget)
     against: tuple[str, ...] = ("bistable-blind", "bistable-paper")
-    """Set-ups whose couplings are compared with the design. The command searches a controller for each of these
-    couplings."""
+    """Set-ups whose couplings are compared with the design. The command searches for a controller for each of
+    these couplings."""
     seeds: int = 2
     """Number of searches for each approach time, each with another seed. The command takes the design that is best on
     the validation set."""
@@ -68,7 +68,7 @@ class DesignOptions:
         if self.pad:
             pad_of(self.pad)
         options = replace(self, times=tuple(sorted(self.times)))
-        _ = options.searched, options.others  # computing both raises ValueError for invalid designs
+        _ = options.searched, options.others  # these properties raise ValueError if a design is invalid
         return options
 
     @cached_property
@@ -83,7 +83,7 @@ class DesignOptions:
 
     @cached_property
     def searched(self) -> dict[str, Any]:
-        """The set-up's environment, with the range LOW to HIGH of each searched number."""
+        """The set-up's environment, in which each searched number has its range LOW to HIGH."""
         return searched_environment(self.arm, self.variables, self.limits.deflection)
 
     @cached_property
@@ -109,7 +109,7 @@ class DesignOptions:
         return min(self.times, key=lambda allowed: abs(allowed - 1.0))
 
     def limits_of(self, line: str) -> Limits:
-        """Return the limits for a line of the chart; only the lines LIMITED have limits."""
+        """Return the limits for a line of the chart; only the lines in LIMITED have limits."""
         return self.limits if line in LIMITED else Limits(deflection=None)
 
 

@@ -32,7 +32,7 @@ class Pad(NamedTuple):
 
 
 def pad_of(material: str) -> Pad:
-    """Return the pad of a material; Young's modulus is the geometric mean of both ends of the measured range."""
+    """Return the pad of a material; Young's modulus is the geometric mean of the ends of the measured range."""
     known("--pad ", [material], PADS)
     measured, radius = MATERIALS[material], PADS[material]
     assert measured.restitution is not None  # measured for all materials of PADS

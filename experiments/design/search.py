@@ -21,7 +21,7 @@ from impact_gym.task import Task
 from impact_gym.validation import number, whole
 
 RTOL = 1e-5  # relative tolerance of the simulation in a search
-PENALTY = 2.0  # m/s, cost of exceeding a limit, or the allowed mean approach time, by 100 %
+PENALTY = 2.0  # m/s, cost of exceeding a limit or the allowed mean approach time by 100 %
 MARGIN = 1.2  # ratio of the largest errors in a search to `tolerance`; above 1, because a search lacks rare scenarios
 CONTACT = ("contact_stiffness", "restitution")
 WITHIN = 0.95  # fraction of the episodes in which the peak force must be at most the limit
@@ -49,9 +49,9 @@ class Limits:
     def excess(self, played: Episodes, travel: Travel, count: int = 1, pad: Pad | None = None) -> Floats:
         """Return for each candidate (count,) the sum of (value / limit - 1) over all exceeded limits.
 
-        `played` and `travel` list the same number of episodes for each candidate, candidate by candidate.
-        `touched_once` limits the share of scenarios with several contacts. A `pad` limits the penetration to half the
-        radius (validity of Hertz's law).
+        `played` and `travel` list the candidates one after another, with the same number of episodes for each.
+        `touched_once` limits the share of scenarios with several contacts. The penetration of a `pad` is limited to
+        half the pad's radius (validity of Hertz's law).
         """
         peak = np.quantile(played.peak_force.reshape(count, -1), WITHIN, axis=1)
         repeated = None if self.touched_once is None else max(1.0 - self.touched_once, 1e-3)
@@ -102,8 +102,8 @@ class SearchBudget:
     """Size of a search."""
 
     tolerance: float = 0.05
-    """Largest relative error, in a built coupling, of each number that --free names. Each scenario draws its own
-    errors. In the search, these errors are up to 1.2 times as large."""
+    """Largest relative error with which each number of --free is built. Each scenario draws its own errors. In the
+    search, these errors are up to 1.2 times as large."""
     scenarios: int = 500
     """Number of scenarios in which each candidate (a design with a controller) is simulated."""
     budget: int = 7200
@@ -175,7 +175,7 @@ def play(candidate: Mapping[str, Any], tolerance: float, name: str, limits: Mapp
     """Play a candidate on the evaluation set `name`; return a row for each scenario.
 
     `candidate` and `limits` have the fields of `Candidate` and `Limits`. In each scenario, each number of the design
-    has a relative error of at most `tolerance`. In all rows, `excess` is the `Limits.excess` of all scenarios.
+    has a relative error of at most `tolerance`. All rows have the same `excess`: `Limits.excess` of all scenarios.
     """
     player = Candidate(**candidate)
     task = player.task.changed(as_built(player.design, tolerance))

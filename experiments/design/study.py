@@ -2,7 +2,7 @@
 
 For each approach time, the front has the design (of any seed) with the lowest cost on the validation set. The chosen
 design is the front's design at the approach time nearest to that of the paper's rule. For each other approach time, the
-study searches a new controller of the chosen design. No choice uses the test set.
+study searches for a new controller for the chosen design. No choice uses the test set.
 """
 
 import json
@@ -32,8 +32,8 @@ DEPENDS = (
 # baselines at which searches start, by rule and by whether the coupling is bistable
 STARTS = {("BlindProfile", False): "blind-profile", ("BlindProfile", True): "bistable-blind-profile"}
 Row = Mapping[str, Any]
-"""A candidate, with the columns ENTRY. `line`: line of the chart. `allowed`: largest mean approach time, divided by
-that of the paper's rule. `seed`, `loss` (m/s): of the search. `rule`, `design`, `parameters`: of the candidate."""
+"""A row with the columns ENTRY. `line`: line of the chart. `allowed`: largest mean approach time, divided by that of
+the paper's rule. `seed` and `loss` (m/s) are of the search; `rule`, `design` and `parameters` are of the candidate."""
 BLANK = {"rule": None, "design": "{}", "parameters": "[]"}
 PAPERS_RULE: Row = {
     "line": PAPER, "allowed": 1.0, "seed": 1, "loss": np.nan, "rule": "ConstantSpeed", "design": "{}",
@@ -48,7 +48,7 @@ class Search:
     options: DesignOptions
 
     def candidate(self, row: Row) -> Candidate:
-        """Return the candidate of a row; on the line CHOSEN, the numbers of the design are drawn with errors."""
+        """Return the candidate of a row; each episode of the chosen design draws errors of the design's numbers."""
         options, row = self.options, {**BLANK, **row}
         rule, parameters, design = row["rule"] or options.rule, json.loads(row["parameters"]), json.loads(row["design"])
         others = {PAPER: options.others[SPRING], **options.others}
@@ -81,7 +81,7 @@ class Search:
         yield from self._searched({**chosen, "allowed": time} for time in others)
 
     def designs(self, _: bool, frames: Frames) -> Iterator[Cell]:
-        """Yield cells that play paper's rule, front, chosen design and compared couplings on the test set."""
+        """Yield cells that play the paper's rule, the designs and the compared couplings on the test set."""
         chosen = self.chosen(frames)
         again = frames["controllers"].to_dicts() if "controllers" in frames else []
         curve = [chosen, *({**row, "design": chosen["design"]} for row in again)]
@@ -133,7 +133,7 @@ class Search:
 
 
 def start_of(candidate: Candidate, approach_time: float) -> list[float]:
-    """Return a shipped baseline's parameters, at the weight with the approach time nearest to `approach_time` (s)."""
+    """Return a shipped baseline's parameters at the time weight whose approach time is nearest `approach_time` (s)."""
     bistable = isinstance(candidate.task.coupling, Bistable)
     weights = read_tuned(STARTS.get((candidate.rule, bistable), "ranged"))["weights"].values()
     nearest = min(weights, key=lambda tuned: abs(tuned["validation"]["approach_time"] - approach_time))

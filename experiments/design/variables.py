@@ -16,7 +16,7 @@ from impact_gym.scene import SpringDamper
 from impact_gym.task import Task
 from impact_gym.validation import number
 
-WIDE = 10.0  # smallest HIGH / LOW for a logarithmic scale of the search; log-uniform draws always have this scale
+WIDE = 10.0  # smallest HIGH / LOW for a logarithmic scale; numbers with log-uniform draws always have this scale
 
 
 class SearchVariable(NamedTuple):
@@ -96,6 +96,6 @@ def searched_environment(setup: Setup, variables: Sequence[SearchVariable], defl
         lag = task.acceleration_range[0] * min((c.tool_mass / c.coupling.stiffness for c in springs), default=0.0)
         if deflection is not None and lag > deflection:
             raise ValueError(f"no design in these ranges holds the tool within {1e3 * deflection:g} mm: even at the "
-                             f"lowest acceleration, {task.acceleration_range[0]:g} m/s^2, it lags behind the flange by "
-                             f"{1e3 * lag:.3g} mm with the stiffest spring and the lightest tool")  # fmt: skip
+                             f"lowest acceleration, {task.acceleration_range[0]:g} m/s^2, the tool lags behind the "
+                             f"flange by {1e3 * lag:.3g} mm on the stiffest spring and the lightest tool")  # fmt: skip
     return task.arguments()

@@ -51,6 +51,6 @@ def save(figure: Figure, path: Path) -> Path:
     for text in figure.findobj(Text):
         text.set_text(mathtext(text.get_text()))
     file = io.StringIO()
-    canvas: Any = FigureCanvasSVG(figure)  # `print_svg` has no types; `savefig` would draw twice
+    canvas: Any = FigureCanvasSVG(figure)  # Any: `print_svg` has no types; `savefig` would draw the figure twice
     canvas.print_svg(file, metadata={"Date": None})
     return write_file(path, colours.adaptive(file.getvalue()))

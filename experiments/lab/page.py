@@ -37,7 +37,7 @@ MACROS: Mapping[type, str] = {  # macros of lab/parts.html.jinja, by the type of
 def write(folder: Path, template: str, **content: Any) -> Path:
     """Write `folder`/index.html from a template below experiments/, and return the path of the page.
 
-    The template can use `content` (at least `runs`, the records of runs), the filter `typeset` and the module `player`.
+    The template can use `content`, the filter `typeset` and the module `player`. `content` must have `runs` (records).
     `image(picture)` writes `folder`/NAME.svg and returns a URI; `macro_name(part)` returns the name of a part's macro.
     """
 

@@ -23,7 +23,7 @@ class Table:
 
     @classmethod
     def of(cls, caption: str, frame: pl.DataFrame | Iterable[Mapping[str, Any]], columns: Mapping[str, str]) -> "Table":
-        """Return the table of a frame or of mappings; `columns` maps each heading to a format string for a row."""
+        """Return a table of rows (a frame or mappings); `columns` maps each heading to a format string for a row."""
         rows = frame.to_dicts() if isinstance(frame, pl.DataFrame) else frame
         body = [[form.format(**row) for form in columns.values()] for row in rows]
         return cls(caption, tuple(columns), body)

@@ -39,7 +39,7 @@ class Resamples:
         self._scenario_shares = _shares((0, 0), scenarios, resamples)
 
     def means(self, values: Floats) -> Floats:
-        """Return means (1 + n, ...) of `values`, (seeds, ..., scenarios) or (scenarios,); row 0 is that of the sample.
+        """Return means (1 + n, ...) of `values`, (seeds, ..., scenarios) or (scenarios,); row 0: sample.
 
         Seeds are resampled independently of scenarios. Calls with the same number of seeds use the same resamples.
         """
@@ -92,7 +92,7 @@ def along(curve_x: Floats, curve_y: Floats, at: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Comparison:
-    """One measure of two contestants: each array (1 + n,) has the sample's value, then those of n common resamples."""
+    """One measure of two contestants, each an array (1 + n,): first in the sample, then in the same n resamples."""
 
     ours: Floats
     theirs: Floats

@@ -105,7 +105,7 @@ class StudyOptions:
 
 
 class Run(dict[str, pl.DataFrame]):
-    """A run of a study: measured tables by name. Reading a missing table measures the table."""
+    """A run of a study, as a dict of the measured tables by name. Reading a missing table measures the table."""
 
     def __init__(self, study: Study, options: StudyOptions, command: str = "") -> None:
         """Prepare a run; `command` is the command line that repeats the run."""

@@ -48,8 +48,8 @@ def compiled(subject: Subject, name: str, out: Path) -> Path:
     """
     task, name = subject.task, identifier(name)
     if task.operator or task.range_sensor or task.past_readings or task.alarm != "force":
-        raise ValueError(f"{name} needs an operator, a range sensor, past readings or an alarm by readings: "
-                         "the arm of this loop has none of these; name another controller")  # fmt: skip
+        raise ValueError(f"{name} needs an operator, a range sensor, past readings or an alarm from readings. "
+                         "The arm of this loop has none of these: name another controller")  # fmt: skip
     if (compiler := shutil.which("cc") or shutil.which("gcc")) is None:
         raise ValueError("the loop needs a C compiler: install cc or gcc")
     write_header(subject, out / f"{name}.h")

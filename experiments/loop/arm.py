@@ -80,8 +80,8 @@ class Line:
 def approach(line: Line, batch: Batch, number: int, seed: int, weight: float) -> dict[str, Any]:
     """Play an approach in real time; return V_p (m/s), ages of the last command at each step (s), and `stop`.
 
-    If the watchdog stopped the arm, `stop` has time (s), velocity (m/s), refused packets and later time of rest; else
-    it is empty. After a stop the flange brakes with its largest acceleration, and commands have no effect.
+    If the watchdog stopped the arm, `stop` has time (s), velocity (m/s), refused packets and, if the flange came to
+    rest, that time (s). Else `stop` is empty. After a stop, the flange brakes fully, and commands have no effect.
     """
     batch.begin_seeded(seed + number, {"time_weight": weight})
     begun = good_at = stamp = line.begun = time.monotonic()
@@ -111,7 +111,7 @@ def approach(line: Line, batch: Batch, number: int, seed: int, weight: float) ->
 def serve(environment: Mapping[str, Any], weight: float, seed: int, seconds: float, out: Path, port: Any) -> None:
     """Send the arm's UDP port through the pipe `port`, play approaches, and write their results to `out` (JSON).
 
-    Approaches with the seeds `seed`, `seed` + 1, ... begin until `seconds` are over or the watchdog stops one.
+    Approaches with the seeds `seed`, `seed` + 1, ... begin until `seconds` are over or the watchdog stops the arm.
     """
     task = Task(**{**environment, "control_period": PERIOD, "time_weight": weight})
     line, batch, played = Line(task), Batch(1, task, threads=1), list[dict[str, Any]]()

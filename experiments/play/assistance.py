@@ -1,4 +1,4 @@
-"""Assistances (controllers at the arm that may change a person's command), and the environment of this person."""
+"""Assistances (controllers at the arm that may change a person's command), and environments for a person."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -41,7 +41,7 @@ def playable(name: str) -> Setup:
 
 
 def related(setup: Setup) -> dict[str, str]:
-    """Return names by their last part: the set-up's name and, if it is shipped, those with other couplings."""
+    """Return names of set-ups by their last part: `setup` and, if shipped, its variants with other couplings."""
     family, _, kind = setup.called.rpartition("-")
     if setup.shipped and kind in COUPLINGS:
         return {each: f"{family}-{each}" for each in COUPLINGS}
@@ -80,14 +80,14 @@ def about(setup: Setup) -> dict[str, Any]:
 
 
 def record_of(settings: Mapping[str, float]) -> dict[str, float]:
-    """Return the numbers of an episode's record that `settings` (see `usual`) determine."""
+    """Convert `settings` (see `usual`) to numbers of an episode's record."""
     record = {f"{way}.delay": 0.5 * settings["delay"] for way in WAYS}
     record |= {f"{way}.jitter": settings["jitter"] for way in WAYS}
     return record | ({"coupling.stiffness": settings["stiffness"]} if "stiffness" in settings else {})
 
 
 def assistance(name: str, setup: Setup) -> Controller:
-    """Return the assistance `name`; ValueError: no such assistance, or none was tuned or trained for the set-up."""
+    """Return the assistance `name`; ValueError: no such assistance, or it was not tuned or trained for the set-up."""
     if name not in NAMES:
         raise ValueError(f"assist must be one of {', '.join(NAMES)}, got {name!r:.80}")
     if name == "policy":

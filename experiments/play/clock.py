@@ -47,7 +47,7 @@ class Stick:
         self.let_go = True
 
     def at(self, moment: float) -> float:
-        """Return the velocity (m/s) at `moment` (s): 0 after `stop` or SILENT s, else the last input (see HOLD)."""
+        """Return the velocity (m/s) at `moment` (s): the last input (see HOLD); 0 if stopped or silent (SILENT)."""
         inputs = tuple(self.inputs)
         came, velocity = next((each for each in reversed(inputs) if each[0] <= moment), inputs[0])
         if self.let_go or moment - came > SILENT:
@@ -116,7 +116,7 @@ class Clock:
             velocity = self.stick.at(now - slow * (live.time + PERIOD - live.next_tick))
             live.step(velocity, now - due - behind)
             behind = now - due
-            if behind > slow * PERIOD:  # after a pause of the machine, the schedule is shifted
+            if behind > slow * PERIOD:  # more than a step late: delay the schedule
                 start, behind = start + behind, 0.0
             self._send_frame(live, seen, rng)
 

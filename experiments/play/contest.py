@@ -57,7 +57,7 @@ def _changed(this: Try, setup: str = "", assist: str = "", **changes: Any) -> Tr
 
 
 def _without_delay(this: Try) -> Try:
-    """Return the try without delays. Commands received after the touch, but sent before it is seen, are left out."""
+    """Return a try without delays. Left out: commands that arrived after the touch but were sent before it was seen."""
     record, touch, velocity = this.record, this.result["touch_time"], this.operator["velocity"]
     silent = {f"{way}.{name}": 0.0 for way in ("uplink", "downlink") for name in ("delay", "jitter")}
     sent = math.floor((touch - record["uplink.delay"]) / PERIOD)
@@ -81,7 +81,7 @@ def film(variants: Mapping[str, Variant]) -> dict[str, Any]:
 
 
 def _fitted(scene: Mapping[str, Any]) -> list[list[float]]:
-    """Return the clock of a film of SECONDS; the part until BEFORE (s) ahead of the first touch lasts a tenth of it."""
+    """Return the clock of a film of SECONDS. The first tenth of the film ends BEFORE (s) before the first touch."""
     touches = [run["contacts"][0][0] for run in scene["runs"] if run["contacts"]]
     cut = max(min(touches, default=0.0) - BEFORE, 0.0)
     starts, slower = np.array(scene["clock"]).T

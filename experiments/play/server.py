@@ -74,14 +74,14 @@ class Client:
 
 
 def foreign(request: Request, token: str, port: int) -> str | None:
-    """Return why a request is foreign: another host (DNS rebinding), origin or token; None: it is from our page."""
+    """Return why to refuse a request: another host (DNS rebinding), another origin, another token; None: accept."""
     hosts = [f"{name}:{port}" for name in (HOST, "localhost")]
     host, origin = map(request.headers.get_all, ("Host", "Origin"))
     if len(host) != 1 or host[0] not in hosts:
         return "another host"
     if origin not in [[f"http://{each}"] for each in hosts] and (origin or "Upgrade" in request.headers):
         return "another origin"
-    given = f"{request.path.partition('?')[0]}/".split("/")[1]  # the path of `OPTIONS *` has no slash
+    given = f"{request.path.partition('?')[0]}/".split("/")[1]  # added "/": the path of `OPTIONS *` has none
     return None if secrets.compare_digest(given, token) else "another token"
 
 
@@ -105,7 +105,7 @@ class Site:
         }
 
     async def answer(self, _connection: server.ServerConnection, request: Request) -> Response | None:
-        """Return the answer to a request; None: the request asks for a connection for messages."""
+        """Return the answer to a request; None: open a WebSocket for messages."""
         if wrong := foreign(request, self.token, self.port):
             return reply(403, f"{wrong}\n")
         if request.method != "GET":

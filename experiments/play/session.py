@@ -119,7 +119,7 @@ class Session:
                 if message["kind"] == "frame":
                     self._seen_at = max(self._seen_at, at)
                 elif message["kind"] in ("ended", "failed"):
-                    at = max(at, self._seen_at + 1e-6)  # calls at equal times have no order
+                    at = max(at, self._seen_at + 1e-6)  # calls at the same time run in any order
                 loop.call_at(at, self._forward, message)
         except (EOFError, OSError):
             loop.remove_reader(self.pipe.fileno())

@@ -18,7 +18,7 @@ from impact_gym.sources import compiled_from
 from impact_gym.task import Task
 from impact_gym.task.episodes import EpisodeState
 
-LATE, MOST_LATE = 4e-3, 0.02  # s, limit of `Try.late`; largest share of steps beyond this limit in a valid try
+LATE, MOST_LATE = 4e-3, 0.02  # s, limit of |`Try.late`|; share of steps that may exceed this limit in a valid try
 TRACE_POINTS = 1 << 18
 BEND = 1e-13  # m/s, largest velocity error of `corners`
 ROUNDING = 1e-6  # allowed rounding error of times, as a fraction of a control period
@@ -26,13 +26,13 @@ ROUNDING = 1e-6  # allowed rounding error of times, as a fraction of a control p
 
 @dataclass(frozen=True)
 class Try:
-    """A steered episode. The first six fields define the episode, the others are recorded."""
+    """A steered episode. The first six fields define the episode; playing it fills the other fields."""
 
     setup: str
     assist: str
     seed: int
-    record: dict[str, float]  # chosen numbers of the episode's record; once the try has begun, all numbers
-    operator: dict[str, Any] = field(default_factory=PERSON.copy)  # once a person's try begins, a Replay of commands
+    record: dict[str, float]  # numbers of the episode's record: before the try, the chosen ones; then all
+    operator: dict[str, Any] = field(default_factory=PERSON.copy)  # PERSON becomes a Replay of the person's commands
     slow: float = 1.0  # ratio of the duration in real time to the simulated time
     environment: dict[str, Any] = field(default_factory=dict)  # arguments of the environment, without the operator
     actions: list[list[float]] = field(default_factory=list)  # actions of the assistance, one for each step
@@ -69,7 +69,7 @@ def corners(trace: Trace) -> ig.Motion:
         if time <= before[0]:
             continue
         least, most = ((velocity - velocities[-1] + side) / (time - times[-1]) for side in (-BEND, BEND))
-        if least > high or most < low:  # no line from the last corner is within BEND of all points
+        if least > high or most < low:  # no line from the last corner is within BEND of all points since then
             times.append(before[0])
             velocities.append(before[1])
             low, high = ((velocity - before[1] + side) / (time - before[0]) for side in (-BEND, BEND))
@@ -147,7 +147,7 @@ class Live:
             self._decide()
 
     def ahead(self) -> Bodies:
-        """Return the bodies after a further step without a new command; the try is not changed."""
+        """Predict the bodies after the next step if no new command comes; the try is not changed."""
         state = self.batch.get_state()
         advance(self.batch, self._action)
         bodies = self.batch.bodies()
@@ -155,13 +155,13 @@ class Live:
         return bodies
 
     def to_end(self) -> Try:
-        """Play to the end, with 0 as a person's velocity; return the try, whose `result` is empty."""
+        """Play to the end with a person's command of 0 m/s; return the try, whose `result` is still empty."""
         while not self.ended:
             self.step()
         return self.kept
 
     def finished(self) -> Try:
-        """Play to the end, with 0 as a person's velocity; return the try with its `result`."""
+        """Play to the end with a person's command of 0 m/s; return the try with its `result`."""
         done = self.to_end()
         trace, info, *_ = replayed(done)
         motion = corners(trace)

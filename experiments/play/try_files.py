@@ -16,7 +16,7 @@ RESULTS = "object_velocity", "slide", "peak_force", "touch_time", "done_time", "
 SLOWEST = 16.0  # largest `Try.slow`
 MAX_TEXT, MAX_NUMBER = 4096, 2.0**64  # limits: characters of set-up and marks together; absolute value of a number
 FORMAT = "impact_gym try 2"
-SPARE = 3  # number of control periods by which the time for each recording exceeds the horizon of an episode
+SPARE = 3  # control periods that each recording lasts beyond the horizon of an episode
 
 
 def from_text(text: str) -> Try:
@@ -68,7 +68,8 @@ def of_persons(folder: Path, marked: bool = False) -> list[Try]:
     every = [this for _, this in folder_of(folder) if this.operator["type"] == "Replay"]
     found = [this for this in every if marked or not this.marks]
     if not found:
-        raise ValueError(f"{folder} has no unmarked try of a person; {len(every)} are marked (interrupted or invalid)")
+        allowed = "" if marked else f" that is not marked (--include-marked uses {len(every)} marked tries)"
+        raise ValueError(f"{folder} has no try of a person{allowed}")
     if any(this.environment != found[0].environment for this in found):
         raise ValueError(f"{folder} has tries of several set-ups or couplings: move each kind to its own folder")
     return found

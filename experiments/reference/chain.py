@@ -17,7 +17,7 @@ from experiments.reference.integration import Switch, Vector
 from experiments.reference.laws import BistableForce, StoppedSpring, damping_factor, robot_law
 
 # values of `Switch.slack`, an allowance for rounding errors; values without a unit are in the `Scales` of the contact
-SLACK = 1e-12  # for the sign and the slope of the contact force
+SLACK = 1e-12  # for sign and slope of the contact force, and for the velocity of a sliding object
 STEADY = 1e-9  # for the contact force minus friction
 POSITION_SLACK = 1e-16  # m, for the position of the slider
 G = 9.80665  # m/s^2
@@ -122,7 +122,7 @@ class System:
         return cut
 
     def robot(self, tau: float) -> tuple[float, float, float]:
-        """Return the robot's mass, stiffness and damping at the time tau of the phase, all scaled."""
+        """Return the robot's mass, stiffness and damping at the time tau after the start of the phase, all scaled."""
         assert self.chain.robot is not None
         s = tau * self.scales.time
         m_r, k_r, c_r = self.chain.robot(self.x_r + (self.v_r + self.a * s / 2) * s)

@@ -28,7 +28,7 @@ class Command:
         s = t - start
         x, v = x + (v + a * s / 2) * s, v + a * s
         cut = min((p[0] for p in self.pieces if p[0] > t), default=inf)
-        # the 1e-12 m exclude the node that was just reached, despite rounding
+        # a node that was just reached does not count; 1e-12 m allows for rounding
         for node in self.nodes[self.nodes > x + 1e-12][:1].tolist():
             square = v * v + 2 * a * (node - x)  # square of the velocity at the node
             if square >= 0 and v + sqrt(square) > 0:

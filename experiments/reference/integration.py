@@ -98,7 +98,7 @@ def _turns(left: float, middle: float, right: float) -> bool:
 
 
 def _root(switch: Switch, dense: Any, times: list[float], g: list[float]) -> float | None:
-    """Return when a switch first changes on the interpolant `dense`, or None; g: margins on the cubic at `times`."""
+    """Return the time of the first change on the interpolant `dense`, or None. g: margins on the cubic at `times`."""
 
     def gauge(s: float) -> float:
         return switch.margin(s, dense(s).tolist())

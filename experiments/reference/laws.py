@@ -56,7 +56,7 @@ def _equal_exponents(e: float) -> float:
         return phi(d) - e**2 * phi(-d * e)
 
     limit = (1 - 1e-15) / e
-    # at the root, 1 - d e is about exp(-1/e); so for e below 0.03, the root is 1/e within rounding
+    # at the root, 1 - d e is about (1 + 1/e) exp(-1 - 1/e), below 1e-15 for e < 0.0269; the root is then 1/e
     return float(brentq(excess, 0.0, limit, xtol=1e-300, rtol=1e-15)) if excess(limit) > 0 else 1 / e
 
 
@@ -78,7 +78,7 @@ def _unequal_exponents(e: float, m: float, n: float) -> float:
 
 
 def _isolated_restitution(d: float, m: float, n: float) -> float:
-    """Return -u' at the end (u = 0; force 0 if n < m) of u'' = -max(0, u^m + d u^n u') from u(0) = 0, u'(0) = 1."""
+    """Return -u' at the end of u'' = -u^m - d u^n u', u(0) = 0, u'(0) = 1. End: u'' = 0 if n < m, else u = 0."""
 
     def rates(_: float, y: list[float]) -> tuple[float, float]:
         u = max(float(y[0]), 0.0)
@@ -121,7 +121,7 @@ class BistableForce:
         self.k_s = float(coupling.stop_stiffness)
         self.c_s = float(2 * coupling.stop_damping_ratio * sqrt(self.k_s * tool_mass))
         tight = {"xtol": 1e-300, "rtol": 4 * np.finfo(float).eps}
-        # the force of the spring is below k L0 everywhere, so the stop balances it at a penetration below k L0 / k_s
+        # the force of the spring is below k L0 for x > 0, so the stop balances it at a penetration below k L0 / k_s
         limits = (0.0, self.k * self.L0 / self.k_s)
         held = brentq(lambda p: self.spring(coupling.front_stop + p) - self.k_s * p, *limits, **tight)
         self.p_front = float(held)  # m, penetration of the front stop at rest

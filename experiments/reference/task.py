@@ -1,6 +1,6 @@
 """The environment, computed with the independent solver and written from the specification in `impact_gym.envs.single`.
 
-From `impact_gym` this module imports only task options and constants, observation scales, scenarios, random numbers.
+From `impact_gym` this module imports only task options, constants, observation scales, scenarios and random numbers.
 Set OPENBLAS_NUM_THREADS=1: with more threads, small products of matrices make an episode up to 25 times as long.
 """
 
@@ -106,7 +106,7 @@ def _together(controller: Any, episodes: Sequence[Episode]) -> list[Outcome]:
 def _episode(task: Task, scenario: Mapping[str, float], weight: float, estimate: float) -> Episode:
     motion = _at_rest(task, scenario)
     command, delay, now = motion.command, task.reaction_delay, 0.0
-    sensed = {0.0: (0.0, 0.0, 0.0)}  # (force, peak force, deflection) by time
+    sensed = {0.0: (0.0, 0.0, 0.0)}  # by time (s): force (N), peak force (N), deflection (m)
     by_reading, raised, heard_until = task.alarm == "reading", inf, 0.0
     spec = ObservationSpec(task)
     while True:
@@ -168,7 +168,7 @@ def _at_rest(task: Task, scenario: Mapping[str, float]) -> Motion:
 
 
 def _observation_times(task: Task, alarm: float, by_reading: bool) -> list[float]:
-    """Return the times (s) of observations and of the end. An alarm begins a new control period if not `by_reading`."""
+    """Return times (s) of observations and of the episode's end. Unless `by_reading`, an alarm begins a new period."""
     end, period = task.horizon if alarm == inf else alarm + task.after_alarm, task.control_period
     start = 0.0 if alarm == inf or by_reading else alarm
     before = [] if start == 0.0 else [k * period for k in range(1, 1 + int((alarm - ROUNDING) / period))] + [alarm]

@@ -53,7 +53,7 @@ class ReportOptions:
     baseline: tuple[str, ...] = ()
     """With --policy: baselines to compare in addition to the paper's rule. Give the name of a shipped baseline, or
     module:object. The object must have the method `predict`, or be a function or class that returns such an object.
-    Without this option, the page uses the baselines of the shipped set-up with the policy's environment, if any."""
+    Without this option, if a shipped set-up has the policy's environment, the page uses the set-up's baselines."""
     scenarios: str | None = None
     """Scenarios to play instead of the usual scenarios. Give the name or the CSV file of a fixed set of scenarios,
     or a JSON file {"ranges": {...}, "seed": s, "count": n, "environment": {...}}. The JSON file may leave out any key.
@@ -66,7 +66,7 @@ class ReportOptions:
     controller whose mean cost is not significantly above the lowest. Without this option, the value is
     `evaluation.typical` of the set-up (2 by default)."""
     out: Path = Path("reports/latest")
-    """Folder for the page. A hidden folder beside this folder stores the results of episodes. To continue after an
+    """Folder for the page. A hidden folder next to it stores the results of episodes. To continue after an
     interruption, repeat the command."""
     force: bool = False
     """Play all episodes and write the page again, even if the page is up to date."""
@@ -91,7 +91,7 @@ class ReportOptions:
 
 
 def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return scenarios and changes of the environment in `source`, see `ReportOptions`; ValueError: it is invalid."""
+    """Return scenarios and changes of the environment in `source`, see `ReportOptions`; ValueError: invalid."""
     path = Path(source)
     if path.suffix == ".json":
         content = parsed(path, "scenarios, JSON", json.loads)
@@ -106,7 +106,7 @@ def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict
         with within(str(path)):
             Task.of("environment", environment)
         if reserved := sorted(set(environment) & {"scenario", *RESERVED}):
-            raise ValueError(f"{path}: environment must leave out {reserved}: the key ranges and the report set these")
+            raise ValueError(f"{path}: leave out {reserved} in environment: the key ranges and the report give these")
         return {"ranges": ranges, "seed": seed, "count": count}, environment
     frozen = evaluation_sets.load(source)
     count = whole("scenarios", count or frozen.count, at_least=2)
@@ -124,7 +124,7 @@ def matchups_of(options: ReportOptions) -> list[Matchup]:
         return of_policies(options.policy, options.baseline, scenarios, changes, options.time_weight)
     setups = list(map(load_setup, options.setups or README))
     if len({setup.name for setup in setups}) < len(setups):
-        raise ValueError(f"two set-ups have the same name: {', '.join(options.setups)}")
+        raise ValueError(f"two set-ups have the same name, rename or leave out one: {', '.join(options.setups)}")
     matchups = []
     for setup in setups:
         count = options.count or (setup.evaluation.scenarios if options.scenarios is None else None)

@@ -21,8 +21,8 @@ from experiments.report.played import MISSED_TOO_OFTEN, Played, Run
 from impact_gym.task import Task
 
 LIMITS = {(False, False): "", (False, True): "at least ", (True, False): "at most ", (True, True): "about "}
-"""Words before a gain, by two facts: whether the contestant before is faster than the paper's rule at every weight, and
-whether this contestant is. The V_p of a faster contestant would be lower at the rule's approach time."""
+"""Words before a gain, by (contestant before, this contestant). True: the contestant takes less time than the paper's
+rule at every weight; with the rule's approach time, its V_p would be lower."""
 
 
 class Link(NamedTuple):
@@ -76,7 +76,7 @@ def links(played: Played) -> list[Link]:
 
 
 def steps_of(played: Played) -> list[Step]:
-    """Return the steps. The clairvoyant search (on its own scenarios) is the last, if it has the typical weight."""
+    """Return the steps. If the clairvoyant search has the typical weight, it is the last step, on its own scenarios."""
     sequence, weight = links(played), played.matchup.typical
     steps = _steps(sequence, played.resamples, weight, policy=len(sequence) - 1)
     if played.bound is None or weight not in played.bound.weights:
@@ -105,7 +105,7 @@ def _steps(sequence: Sequence[Link], resamples: Resamples, weight: float, policy
 
 
 def gains(values: Sequence[Floats], policy: int, claimed: bool = True) -> list[Gain]:
-    """Return a gain for each contestant; `values`: its V_p or cost in the sample and in n resamples, (1 + n,), m/s."""
+    """Return a gain for each contestant; `values`: V_p or costs (m/s) in the sample and n resamples, each (1 + n,)."""
     total = Comparison(values[policy], values[0])
     shared = claimed and total.less.low > 0.0
     steps = [Gain(estimate(values[0]), None, None)]
@@ -139,7 +139,7 @@ def _cells(gain: Gain, limit: str = "") -> list[str]:
 
 
 def sentence(steps: Sequence[Step]) -> str:
-    """Return each step's share of the gain in V_p (in cost, if a step is `later`) as a sentence; "": no such shares."""
+    """Return a sentence: each step's share of the gain in V_p, or in cost if a step has `later` > 0; "": no shares."""
     first, *gained = (step for step in steps if step.contestant != BOUND)
     if any(step.later > 0.0 for step in gained):
         before, after = first.loss.value.value, gained[-1].loss.value.value

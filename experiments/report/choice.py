@@ -1,7 +1,7 @@
 """The recommended controller: the simplest whose mean cost at one time weight is not clearly above the lowest.
 
 'Not clearly above' means that the 95 % interval of the difference includes 0. Controllers from simple to complex:
-untuned baselines, tuned baselines by number of parameters, the user's objects, the policy.
+untuned baselines, tuned baselines by number of parameters, the user's controllers, the policy.
 """
 
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from experiments.report.matchups import PAPER, POLICY, Contestant
 from experiments.report.played import Played
 from impact_gym.task.scenario import NAMED
 
-SEED = 60_000_000  # added to the seed of the report's scenarios; training, tuning and evaluation use other seeds
+SEED = 60_000_000  # added to the seed of the report's scenarios; tuning, evaluation, shipped trainings use others
 COUNT = 2000  # number of scenarios on which the choice is made, unless a table gives the scenarios
 
 
@@ -33,7 +33,7 @@ class Choice:
 
 
 def scenarios(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the scenarios of the choice: from the ranges of `given` with other seeds, or the table in `given`."""
+    """Return the scenarios of the choice: the table in `given`, or draws from its ranges with other seeds."""
     if "table" in given:
         return dict(given)
     ranges = given["ranges"] if "ranges" in given else pairs(given["set"] if given["set"] in NAMED else "test")

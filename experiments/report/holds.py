@@ -21,7 +21,7 @@ WORDS = {  # plain names of changed arguments; other arguments: see `factor`
     "robot": "compliant robot",
     "scenario": "objects outside the training ranges",
 }
-SHOWN = {"s": ("ms", 1e3), "m": ("mm", 1e3), "%": ("%", 100.0)}  # printed unit and factor, by unit of a quantity
+SHOWN = {"s": ("ms", 1e3), "m": ("mm", 1e3), "%": ("%", 100.0)}  # by unit: the printed unit, and the factor for it
 Row = dict[str, Any]
 
 
@@ -30,7 +30,7 @@ class Failing(NamedTuple):
 
     controller: str  # plain name with article
     worst: str  # the worst change in one line, or the statement that there is none
-    details: str  # for each argument the mildest failing change; the change with the most misses, if too many
+    details: str  # for each rival and argument, the mildest failing change; the worst change, if over 1 % missed
 
 
 def cells(matchup: Matchup, scenarios: Mapping[str, Any]) -> Iterator[Cell]:
@@ -72,7 +72,7 @@ def outcomes(played: Played, controller: str = POLICY) -> pl.DataFrame:
     """Return a row for each contestant under each change; the median seed is called POLICY.
 
     Columns: the means `V` (m/s), `T` (s) and `loss` (cost, m/s); `missed`, the number of missed objects among `of`
-    objects; `more` (m/s), by how much `controller` costs more than this contestant, 0 if at most two standard errors;
+    objects; `more` (m/s), the extra cost of `controller` over this contestant, or 0 if below two standard errors;
     `off`, the absolute difference of the changed value from the unchanged value, 0 if a value is not a number.
     """
     if not played.varied:

@@ -29,7 +29,7 @@ CALIBRATION_SCENARIOS = 500  # largest number of scenarios on which `play_as_lat
 def play_matchups(
     matchups: Sequence[Matchup], folder: Path, depends: str, processes: int | None, cluster: str | None
 ) -> list[Played]:
-    """Return the results of each matchup; a result in `folder` is reused if the text `depends` is the same."""
+    """Return the results of each matchup; a result in `folder` with the same text `depends` is reused."""
     played = [Played(matchup) for matchup in matchups]
     # the last default set-up has the longest jobs, so its jobs start first
     jobs = [(each, *job) for each in reversed(played) for job in jobs_of(each.matchup)]
@@ -85,7 +85,7 @@ def measured(where: str, arguments: JSON) -> Any:
 
 
 def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: Sequence[float]) -> Arrays:
-    """Return results (1, scenarios) and the `weight`, whose mean approach time is nearest to that of the rule."""
+    """Return results (1, scenarios) at the weight with a mean approach time near the rule's, and this `weight`."""
     choosing, task = calibration_scenarios(scenarios), Task(**environment)
 
     def mean_time(weight: float, player: Controller) -> float:
@@ -103,7 +103,7 @@ def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: 
 
 
 def calibration_scenarios(scenarios: JSON) -> dict[str, Any]:
-    """Return the scenarios in which `play_as_late` finds a weight: validation set, other seeds, or the same table."""
+    """Return scenarios for `play_as_late`: validation set, the same ranges with other seeds, or the same table."""
     count = min(CALIBRATION_SCENARIOS, scenarios["count"])
     if "set" in scenarios:
         return {"set": "validation", "count": count}
@@ -121,6 +121,6 @@ def travelled(controller: JSON, environment: JSON, scenarios: JSON, weights: Seq
     return {"before": travel.deflection[None], "in_all": travel.stroke[None]}
 
 
-MEASURES: Mapping[str, Callable[..., Any]] = {  # function by field of `Played`; other fields: `play`
+MEASURES: Mapping[str, Callable[..., Any]] = {  # function that plays, by field of `Played`; for other fields: `play`
     "as_late": play_as_late, "varied": grid.play, "travelled": travelled,
 }  # fmt: skip

@@ -79,7 +79,7 @@ class Matchup:
 
     @property
     def operated(self) -> bool:
-        """Whether there is an operator; T is then `done_time`."""
+        """Whether there is an operator. T is then `Episodes.done_time`, not the time until the touch."""
         return Task(**self.environment).operator is not None
 
     @property
@@ -109,7 +109,7 @@ class Matchup:
 
     @property
     def weights(self) -> tuple[float, ...]:
-        """Weights of the evaluation at which the policy plays (m/s per s), or else all weights of the policy."""
+        """Weights (m/s per s) of the evaluation at which the policy plays; if there are none, all of the policy."""
         weights = tuple(weight for weight in self.evaluation.weights if weight in self.policy.weights)
         return weights or self.policy.weights
 
@@ -122,7 +122,7 @@ def of_setup(
     `time_weight` (m/s per s) replaces the typical weight. ValueError: a policy or baseline is missing or does not fit.
     """
     folder = setup.folder if folder is None else folder
-    if time_weight is not None:  # `baselines` lets the paper's rule play at the typical weight
+    if time_weight is not None:  # for `baselines`, which reads the typical weight of `setup`
         setup = replace(setup, evaluation=replace(setup.evaluation, typical=time_weight))
     path = folder / "policies" / f"{setup.name}.npz"
     if not path.is_file():
@@ -144,7 +144,7 @@ def of_setup(
 
 
 def _with_policies(matchup: Matchup, policies: Mapping[str, Policy], time_weight: float | None) -> Matchup:
-    """Return the matchup with `policies` at the evaluation's weights in the trained range, or at its low end."""
+    """Return the matchup with `policies`. Weights: those of the evaluation in the trained range, else its low end."""
     policy, evaluation = policies[matchup.chosen], matchup.evaluation
     trained = policy.environment.get("time_weight", evaluation.typical)
     low, high = trained if isinstance(trained, (list, tuple)) else (trained, trained)
@@ -162,7 +162,7 @@ def _with_policies(matchup: Matchup, policies: Mapping[str, Policy], time_weight
 
 
 def clairvoyant(setup: Setup, scenarios: Mapping[str, Any], folder: Path = TUNED) -> Contestant | None:
-    """Return the clairvoyant search of a set-up; None: there is none for these scenarios."""
+    """Return the clairvoyant search of a set-up; None: the search did not use these scenarios."""
     its_own = setup.bound == setup.name
     parameters_at = bound_of(setup, folder) if its_own else bound_of(load_setup(setup.bound))
     searched = min(map(len, parameters_at.values()), default=0)
@@ -194,7 +194,7 @@ def of_policies(
 ) -> list[Matchup]:  # fmt: skip
     """Return a matchup for each policy in `paths` (names or paths), with the paper's rule and the baselines `names`.
 
-    If `names` is empty, a policy of a shipped set-up is compared with the baselines of the set-up. `changes` replace
+    If `names` is empty and a shipped set-up has a policy's environment, the set-up's baselines play. `changes` replace
     arguments of the environment. ValueError: a policy does not fit the environment, or two policies have the same name.
     """
     matchups: dict[str, Matchup] = {}

@@ -63,7 +63,7 @@ class Played:
     baselines: dict[str, Run] = field(default_factory=dict)
     choosing: dict[str, Run] = field(default_factory=dict)  # results in `experiments.report.choice.scenarios`
     bound: Run | None = None  # results of the clairvoyant search
-    varied: list[tuple[Mapping[str, Any], pl.DataFrame]] = field(default_factory=list)  # labels, rows of `holds.cells`
+    varied: list[tuple[Mapping[str, Any], pl.DataFrame]] = field(default_factory=list)  # (labels, rows) of each cell
     travelled: dict[str, Run] = field(default_factory=dict)  # deflections, if the coupling is a spring
 
     @property

@@ -113,7 +113,7 @@ def measures(played: Played) -> Table:
 
 
 def trade_off(played: Played, first_screen: bool = False) -> Picture:
-    """Return the chart of V_p against time, of all runs or (`first_screen`) of rule, median seed and rival."""
+    """Return the chart of V_p against time: all runs, or on the `first_screen` only rule, median seed and rival."""
     matchup = played.matchup
     until = "all is done" if matchup.operated else "the touch"
     names = (PAPER, matchup.rival.name) if first_screen else played.baselines

@@ -43,7 +43,7 @@ def rate(call: Step, steps: int, seconds: float, clock: Callable[[], float] = ti
 
 
 def stepping(env: Any, act: Callable[[Any], Any] | None = None) -> Step:
-    """Return a function that steps `env` with random actions, or with `act` of the last result of `env`."""
+    """Return a function that steps `env` with random actions, or with actions that `act` makes from its last result."""
     actions = cycle([env.action_space.sample() for _ in range(32)])  # drawn before the timing
     last = env.reset()
 

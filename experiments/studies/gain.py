@@ -43,7 +43,7 @@ class Prior(NamedTuple):
 
     @property
     def mean(self) -> float:
-        """Mean distance, m; of a memoryless distribution, the mean beyond `near`."""
+        """Mean distance, m; if `memoryless`, the mean of the distance minus `near`."""
         return (self.far - self.near) / np.log(20.0) if self.memoryless else 0.5 * (self.near + self.far)
 
     @property
@@ -84,7 +84,7 @@ def searches(quick: bool, _: Frames) -> Iterable[Cell]:
 def searched(
     prior: Sequence[Any], rule: str, weight: float, scenarios: int, generations: int, tested: int, population: int = 16
 ) -> pl.DataFrame:
-    """Optimise the parameters of any rule but the paper's on tuning scenarios; return results in test scenarios."""
+    """Optimise a rule (not the paper's) on tuning scenarios; return its results in test scenarios."""
     place, kind = Prior(*prior), RULES[rule]
     horizon = 1.2 if place.far < 0.5 else 6.0  # s
 

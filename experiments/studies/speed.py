@@ -20,7 +20,7 @@ from experiments.studies.solvers.approaches import Solution, named
 from experiments.studies.solvers.contenders import CAREFUL, JUDGES, OURS, PEER, power
 
 COMPARED = (1e-4, 1e-6, 1e-8, 1e-10)  # m/s, errors of V_p at which contenders are compared
-FINE = 1e-6  # m/s, the error of COMPARED that the answer names
+FINE = 1e-6  # m/s, an error in COMPARED; the answer has the times at this error
 RTOLS = tuple(float(f"1e-{k}") for k in range(3, 14))
 RIVALS = {CAREFUL: tuple(f"{CAREFUL} {method}" for method in contenders.METHODS), PEER: (PEER,)}
 LONGEST = 400.0  # s, time limit of a cell, in which heyoka also compiles
@@ -131,7 +131,7 @@ def drawn(times: pl.DataFrame, truths: pl.DataFrame) -> Picture:
     shown = times.filter(pl.col("microseconds").is_finite()).sort("setting", descending=True).with_columns(error)
     for axes, truth in zip(panels.flat, truths.iter_rows(named=True), strict=False):
         for (name,), curve in shown.filter(scene=truth["scene"]).group_by("contender", maintain_order=True):
-            curve = curve.filter(rival=curve["rival"][0])  # impact_gym is in each rival's cell; the first is drawn
+            curve = curve.filter(rival=curve["rival"][0])  # each rival's cell has a curve of impact_gym; one is drawn
             style, wrong = STYLES[str(name).partition(" ")[0]], curve.filter(pl.col("failure") != "")
             axes.plot(curve["microseconds"], curve["velocity_error"], **style)
             axes.plot(wrong["microseconds"], wrong["velocity_error"], **style | {"linestyle": ""}, mfc="white")

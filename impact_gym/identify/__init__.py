@@ -48,8 +48,8 @@ def identify(
             filter, no bias, and the noise is estimated.
 
     Raises:
-        TypeError, ValueError: an argument or a log is invalid; a log has more blows than its fit; a free number does
-            not affect any log.
+        TypeError, ValueError: an argument or a log is invalid; the fit lacks a blow of a log; a free number does not
+            affect any log.
     """
     one_of("scene", scene, Scene)
     sources = list(log) if isinstance(log, (list, tuple)) else [log]
@@ -64,7 +64,7 @@ def identify(
     model = Model(logs, scene, motions, sensors, coordinates)
     if model.size >= model.samples:
         unknown = f"{model.size} unknowns with starts and biases"
-        raise ValueError(f"free must leave more samples than unknowns, got {unknown}, but {model.samples} samples")
+        raise ValueError(f"free: there must be more samples than unknowns, got {unknown}, but {model.samples} samples")
     return Identified.of(*fit_with_intervals(model))
 
 

@@ -1,7 +1,7 @@
 """Find the best fit from several starting points, and the interval of each free number by its profile likelihood.
 
 The misfit of a fit is the sum of ((predicted - measured) / noise)^2 over all samples. `intervals` moves one number at
-a time away from its best value and fits all other numbers again. (MINOS of iminuit 2.33 did not find 36 of 360 ends.)
+a time away from its best value and fits all others again. (MINOS of iminuit 2.33 missed 36 of 360 interval ends.)
 """
 
 import math
@@ -21,7 +21,7 @@ CONFIDENCE = 0.95
 END_TOLERANCE = 0.02  # at an end of an interval, sqrt(misfit - least misfit) / quantile is 1 within this tolerance
 MAX_STEP = 1.5  # largest first step of `profile` in a coordinate (see `model`); wider intervals cause another search
 MAX_STEPS = 10  # largest number of steps of `profile`
-BEYOND = (1.6, 2.5)  # `_end` also tries values beyond an end, at these multiples of its distance from the best value
+BEYOND = (1.6, 2.5)  # `_end` also tries values beyond an end: best value + these multiples of (end - best value)
 MAX_DEVIATION = 1e3  # largest value of `Fit.deviations`
 MIN_IMPROVEMENT = 0.05  # a point replaces the best fit if the misfit falls by more than this; the limit then doubles
 # A fit lacks a blow of a log if the sum of the residuals (measured - fitted) in the blow exceeds two limits: this
@@ -56,7 +56,7 @@ class Fit:
         for _ in range(NOISE_ROUNDS):
             points = distinct(model, [descend(model, point.x) for point in points])
             changed = _estimate_noise(model, points[0].x)
-            if not changed or len(model.noise) == 1:  # with a single noise, the best x does not depend on it
+            if not changed or len(model.noise) == 1:  # a single noise does not change the best x
                 break
         best, *others = (Point(float(np.sum(model.residuals(point.x) ** 2)), point.x) for point in points)
         jacobian, loosely = model.jacobian(best.x), np.eye(len(model.free), model.size) / MAX_STEP
@@ -158,7 +158,7 @@ class _BetterError(Exception):
 def intervals(fit: Fit) -> tuple[Fit, list[Ends]]:
     """Return the fit and the two ends of each free number's interval; an end is None if that side is unlimited.
 
-    An interval includes all found minima with a misfit less than quantile^2 above the least misfit. If a clearly
+    An interval includes all found minima whose misfit exceeds the least misfit by less than quantile^2. If a clearly
     better point is found, a fit from this point replaces the best fit, and all intervals are computed again.
     """
     while True:  # this loop ends, because the required decrease of the misfit doubles with each better point
@@ -170,7 +170,7 @@ def intervals(fit: Fit) -> tuple[Fit, list[Ends]]:
 
 
 def _end(fit: Fit, i: int, side: int) -> float | None:
-    """Return the end of x[i]'s interval on one `side` (-1, 1), the outermost from all good minima; None: unlimited."""
+    """Return the end of x[i]'s interval on one `side` (-1, 1), the outermost one of all good minima; None: no limit."""
     limit = fit.quantile**2
     end = profile(fit, i, side, Point(fit.misfit, fit.x))
     for point in fit.others:
@@ -188,7 +188,7 @@ def _end(fit: Fit, i: int, side: int) -> float | None:
 
 
 def _is_vague(fit: Fit) -> bool:
-    """Return whether the width of an interval, from the curvature and the spread of good minima, exceeds MAX_STEP."""
+    """Estimate interval widths from curvature and the spread of good minima; return whether any exceeds MAX_STEP."""
     good = [fit.x, *(point.x for point in fit.others if point.misfit - fit.misfit < fit.quantile**2)]
     spread = np.ptp(good, axis=0)
     widths = 2.0 * fit.quantile * fit.deviations + spread
@@ -196,9 +196,9 @@ def _is_vague(fit: Fit) -> bool:
 
 
 def _refit(fit: Fit, i: int, u: float, near: Point) -> Point:
-    """Return a fit with x[i] = `u`, started near `near`; raise _BetterError if it is clearly the best fit so far."""
+    """Fit with x[i] = `u`, starting near `near`; raise _BetterError if the misfit is clearly below that of `fit`."""
     points = []
-    # first move all of `near` along `valley` until x[i] = u; if the misfit is above the limit, change only x[i]
+    # first move `near` along column i of `valley` to x[i] = u; if the misfit stays too large, change only x[i]
     for along in (fit.valley[:, i] / fit.valley[i, i], np.zeros_like(near.x)):
         start = near.x + along * (u - near.x[i])
         start[i] = u
@@ -211,7 +211,7 @@ def _refit(fit: Fit, i: int, u: float, near: Point) -> Point:
 
 
 def profile(fit: Fit, i: int, side: int, begin: Point) -> float | None:
-    """Return x[i] on one `side` (-1, 1) where the misfit is about quantile^2 above the best; None: beyond `reach`."""
+    """Return x[i] on one `side` (-1, 1) where misfit - least misfit is about quantile^2; None: it is beyond `reach`."""
     first, last = float(begin.x[i]), fit.model.free[i].reach[side > 0]
     inner, outer = (first, math.sqrt(max(begin.misfit - fit.misfit, 0.0) / fit.quantile**2), begin), None
     u = first + side * min((1.0 - inner[1]) * fit.quantile * fit.deviations[i], MAX_STEP)

@@ -29,7 +29,7 @@ class Prediction(NamedTuple):
     quantity: str
     measured: float
     predicted: float
-    equal: float  # median of the measured values of fitted blows with the same motion; nan: no such blow
+    equal: float  # median measured value of blows in the other half with the same motion; nan: there are none
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class HeldOut:
     predictions: tuple[Prediction, ...]
 
     def errors(self, quantity: str) -> tuple[Array, Array]:
-        """Return relative errors (blows,) of the predictions, and of the medians of blows with the same motion."""
+        """Return relative errors (blows,) of `Prediction.predicted`, and of `Prediction.equal` as a prediction."""
         rows = [each[2:] for each in self.predictions if each.quantity == quantity]
         measured, predicted, equal = np.array(rows).reshape(-1, 3).T
         with np.errstate(divide="ignore"):  # a measured value may be 0
@@ -74,8 +74,8 @@ def hold_out(
     """Fit every second log and predict the other logs, then swap the halves; for the arguments see `identify`.
 
     Raises:
-        TypeError, ValueError: as `identify`; the logs are fewer than two, differ in their columns, or have neither
-            `object_velocity` nor `force`.
+        TypeError, ValueError: as in `identify`; also if there are fewer than two logs, if the logs have different
+            columns, or if they have neither `object_velocity` nor `force`.
     """
     count = len(log) if isinstance(log, (list, tuple)) else 1
     if count < 2:

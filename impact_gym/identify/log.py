@@ -36,7 +36,7 @@ MAX_SPEED_RATIO = 10.0  # largest ratio of an absolute velocity in a log to the 
 MAX_STEP = 0.05  # s, largest median time between successive samples
 MAX_GAP = 1.5  # if a step exceeds this many median steps, samples were lost or one sample was late, see `Log.lost`
 MAX_LOST = 3  # largest number of successive lost samples
-MIN_SWING = 10.0  # a blow has at least this difference of a column's extremes, in standard deviations of its noise
+MIN_SWING = 10.0  # in a blow, max - min of at least one column exceeds this many standard deviations of its noise
 LEAST_IMPULSE = 0.03  # least ratio of measured impulse to the impulse of a plastic impact, see `_refuse_other_force`
 FLAT_SAMPLES = 3  # a saturated column stays at its largest or least value for at least this number of samples
 
@@ -106,7 +106,7 @@ def read(source: Any, name: str) -> Log:
 
 
 def check(log: Log, scene: Scene, motion: Trapezoid, sensors: Mapping[str, Sensor]) -> None:
-    """Raise ValueError if a log cannot be a blow of `scene`, in which each free mass has its least searched value."""
+    """Raise ValueError if a log cannot be a blow in `scene`. In `scene` each free mass has its least searched value."""
     for name, values in log.columns.items():
         what = f"{log.name}, {name}"
         limits = {"N": (MAX_FORCE, "mN"), "m/s": (MAX_SPEED_RATIO * motion.speed, "mm/s")}
@@ -127,7 +127,7 @@ def check(log: Log, scene: Scene, motion: Trapezoid, sensors: Mapping[str, Senso
 
 
 def tool_mass(scene: Scene) -> float:
-    """Return the mass (kg) of the tool and all bodies fixed to it; inf if one is a rigid robot or a `RobotTable`."""
+    """Return the mass (kg) of the tool; a rigid coupling adds the robot (inf if that is rigid or a `RobotTable`)."""
     behind = scene.robot.mass if isinstance(scene.robot, Robot) else math.inf
     return scene.tool.mass + (behind if isinstance(scene.coupling, Rigid) else 0.0)
 
@@ -144,9 +144,9 @@ def _refuse_other_force(log: Log, scene: Scene, motion: Trapezoid, sensor: Senso
     impulse = log.step * sum(float(force[first : last + 1].sum()) for first, last in blows)
     if 0.0 < impulse < LEAST_IMPULSE * usual:
         raise ValueError(
-            f"{log.name}, force must have an impulse of about {usual:.3g} N s or more, as a tool of"
-            f" {scene.tool.mass:g} kg and an object of {scene.object.mass:g} kg have at {speed:g} m/s, got"
-            f" {impulse:.3g} N s: is it in kN? If not, is object.mass or tool.mass smaller?"
+            f"{log.name}, force must have an impulse of at least {LEAST_IMPULSE * usual:.3g} N s (a tool of"
+            f" {scene.tool.mass:g} kg and an object of {scene.object.mass:g} kg have about {usual:.3g} N s at {speed:g}"
+            f" m/s), got {impulse:.3g} N s: is it in kN? If not, is object.mass or tool.mass smaller?"
         )
 
 

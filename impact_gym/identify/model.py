@@ -61,13 +61,13 @@ class Coordinate:
         return 1.0 / (1.0 + math.exp(-u)) if self.name == RESTITUTION else self.sign * math.exp(u)
 
     def end(self, u: float | None, side: int) -> float:
-        """Return the number at the end `u` of an interval on one `side` (-1, 1); None: 0, infinity or restitution 1."""
+        """Return the number at an interval's end `u`; None: the limit on this `side` (-1, 1), such as 0 or infinity."""
         if u is not None:
             return self.number(u)
         return float(side > 0) if self.name == RESTITUTION else self.sign * (math.inf if side > 0 else 0.0)
 
     def start(self, scene: Scene) -> float:
-        """Return the coordinate of the scene's number; if it lies outside `reach`, return the middle of `reach`."""
+        """Return the coordinate of the number in `scene`, or the middle of `reach` if that coordinate is outside."""
         size, (low, high) = abs(get(scene, self.name)), self.reach
         inside = size > 0.0 and low <= self.coordinate(size) <= high
         return self.coordinate(size) if inside else (low + high) / 2.0
@@ -131,7 +131,7 @@ class Model:
         self._cache: tuple[bytes, tuple[Array, Array]] = (b"", (np.empty(0), np.empty(0)))
 
     def of_first_blow(self) -> "Model":
-        """Return the model with each log cut between the first two blows of its force, if it has two or more."""
+        """Return a model of first blows: a log whose force has several blows is cut between the first two."""
         logs = []
         for log in self.logs:
             blows = bursts(log.columns["force"], self.sensors["force"]) if "force" in log.columns else []
@@ -148,7 +148,7 @@ class Model:
         return replaced(self.scene, numbers)
 
     def trace(self, scene: Scene, k: int, duration: float) -> Trace:
-        """Simulate the motion of log k."""
+        """Simulate `scene` with the motion of log k."""
         self.simulations += 1
         trace = simulate(scene, self.motions[k], duration, RTOL, trace=True).trace
         assert trace is not None
@@ -163,7 +163,7 @@ class Model:
         return arrival + float(log.time[-1] - log.time[0])
 
     def sensed(self, scene: Scene, trace: Trace, name: str, at: Array) -> tuple[Array, Array]:
-        """Return a column's readings (n,), without bias, and their slopes at times `at` (n,), s since motion start."""
+        """Return a column's readings (n,), without bias, and their slopes at times `at` (n,), s after motion start."""
         sensor = self.sensors[name]
         if name == "tool_acceleration":
             values = tool_acceleration(scene, trace)

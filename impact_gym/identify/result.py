@@ -46,7 +46,7 @@ class Identified:
 
     @classmethod
     def of(cls, fit: Fit, ends: Sequence[Ends]) -> "Identified":
-        """Return the result of a fit and its intervals' ends; also give each sentence of `misfits` as a UserWarning."""
+        """Return the result of a fit and interval `ends`; also give each sentence of `misfits` as a UserWarning."""
         model, free = fit.model, fit.model.free
         covariance = fit.covariance[: len(free), : len(free)]
         deviations = np.sqrt(np.diag(covariance))
@@ -109,8 +109,8 @@ class Identified:
 def misfits(fit: Fit) -> Iterator[str]:
     """Yield a sentence for each test that the residuals fail.
 
-    Tested: 1. If the bias is known, the mean before the touch is 0 (normal distribution). 2. The variance before the
-    touch equals the variance after it (Fisher's F). 3. The variance equals a known variance (chi-squared). 4. The
+    Tested: 1. If the bias is known, the mean before the touch is 0 (normal distribution). 2. The variance is not larger
+    after the touch than before (Fisher's F). 3. The variance does not exceed a known variance (chi-squared). 4. The
     residuals are white noise (Ljung and Box, Biometrika 65, 1978). `tool_velocity` has only tests 3 and 4. Not tested:
     `flange_velocity`, and columns whose noise is below the sensor's resolution.
     """
@@ -153,7 +153,7 @@ def _with_unit(scene: Any, name: str, text: str) -> str:
 
 
 def _words(scene: Scene, interval: Mapping[str, Interval], correlation: Array) -> Iterator[str]:
-    """Yield a sentence for each number that the logs do not determine, and for each pair that they do not separate."""
+    """Yield a sentence for each number with a wide interval, and for each pair of numbers that is not separated."""
     wide = []
     for name, ends in interval.items():
         least, most = sorted(map(abs, ends))

@@ -1,7 +1,7 @@
 """Choose starting points of a fit, run least squares from several of them, and stop the worst fits early.
 
-A point is a vector x, see `model`. The free numbers of a starting point come from the given scene, from a measured blow
-(its impulse and width), or from a Latin hypercube over the searched ranges. Start times and biases minimize the misfit.
+A starting point is a vector x, see `model`. Its free numbers come from the given scene, from a measured blow (impulse
+and width), or from a Latin hypercube over the searched ranges. Its start times and biases minimize the misfit.
 """
 
 import math
@@ -65,7 +65,7 @@ def from_impulse(model: Model, given: Array) -> list[Array]:
         return []
     log, sensor = model.logs[k], model.sensors["force"]
     force, few = log.columns["force"], max(len(log.time) // 20, 1)
-    rests = np.median(force[:few]), np.median(force[-few:])  # the lower one is the rest, as the blow may cover one end
+    rests = np.median(force[:few]), np.median(force[-few:])  # use the lower one: the blow may cover one end
     force = force - (min(rests) if sensor.bias == "estimated" else sensor.bias)
     impulse, peak = float(np.trapezoid(force, log.time)), float(force.max())
 
@@ -124,7 +124,7 @@ def start_at(model: Model, point: Array, share: float) -> Point:
 
 
 def _align(model: Model, scene: Scene, log: Log, trace: Trace, share: float) -> tuple[float, float, dict[str, float]]:
-    """Shift a simulated motion along a log; return least misfit, motion's start minus log's start (s), and biases."""
+    """Find the time shift that best fits a motion to a log; return misfit, motion start - log start (s), and biases."""
     step, n = log.step, len(log.time)
     touch = trace.time[np.argmax(trace.contact_force > 0.0)] if np.any(trace.contact_force > 0.0) else np.inf
     last = min(trace.time[-1], touch + 2.0 * n * step)
@@ -186,8 +186,8 @@ def descend(
 def race(model: Model, starts: Sequence[Array]) -> list[Point]:
     """Fit roughly from all `starts`; return the distinct fits that remain, the best first.
 
-    The fits are compared after each round. Of fits with nearly the same free numbers only the best is kept. A fit that
-    has not converged is dropped if it is clearly worse than the best fit and has hardly improved in this round.
+    Each round runs a few steps of least squares, and then compares the fits. Of nearly equal fits only the best is
+    kept. A fit that has not converged is dropped if it is clearly worse than the best fit and hardly improved.
     """
     points = [Point(math.inf, x, is_minimum=False) for x in starts]
     for _ in range(ROUNDS):

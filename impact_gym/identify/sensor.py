@@ -14,12 +14,12 @@ from impact_gym.validation import number, one_of
 Array = NDArray[np.float64]
 
 GAUSS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(4)
-MIN_STEP = 1e-9  # s; `curve` leaves out a point closer to the next one, because rounding would dominate the slope
+MIN_STEP = 1e-9  # s; `curve` leaves out a point less than this before the next, as rounding would dominate the slope
 MIN_HEIGHT = 5.0, 0.2  # a burst exceeds this many standard deviations of noise, and this fraction of the highest burst
 
 
 def curve(time: Array, values: Array) -> PPoly:
-    """Return cubic Hermite pieces through points (k,); an inner slope is that of a parabola through three points.
+    """Return cubic Hermite pieces through points (k,). Parabolas through three successive points give inner slopes.
 
     `scipy.interpolate.CubicHermiteSpline` makes the same curve more slowly.
     """
@@ -52,7 +52,7 @@ class LoadCell(Parameters):
 
 @dataclass(frozen=True, slots=True)
 class Sensor(Parameters):
-    """Known properties of one column's sensor; the noise is white and normal, and added after the filter."""
+    """Known properties of one column's sensor. White Gaussian noise is added after the filter."""
 
     rate: Annotated[float | None, SI("Hz", above=0)] = None  # sampling rate, to check a log's times; None: no check
     low_pass: Annotated[float | None, SI("Hz", above=0)] = None  # cut-off of a first-order filter; None: no filter
@@ -94,7 +94,7 @@ class Sensor(Parameters):
         return value, slope
 
     def _lags(self) -> list[tuple[complex, complex]]:
-        """Return weights and rates (1/s) of first-order lags; cell and filter are the real part of the weighted sum."""
+        """Return weights and rates (1/s) of first-order lags; the real part of their weighted sum is the response."""
         slow = 2.0 * np.pi * self.low_pass if self.low_pass else None
         if self.cell is None:
             return [(1.0, slow)] if slow else []
@@ -114,7 +114,7 @@ def _filtered(signal: PPoly, nodes: Array, pace: complex, last: float) -> NDArra
     weight = GAUSS_WEIGHTS * np.exp(-pace * h * (GAUSS[-1] - GAUSS) / 2.0)
     mean = (weight * signal(np.minimum(inside, last))).sum(1) / weight.sum(1)
     kept = np.exp(-pace * h[:, 0])
-    steps = np.array([np.ones(len(nodes)), np.append(-kept, 0.0)])  # matrix of y[k + 1] - kept[k] y[k]
+    steps = np.array([np.ones(len(nodes)), np.append(-kept, 0.0)])  # the matrix that yields y[k + 1] - kept[k] y[k]
     return solve_banded((1, 0), steps, np.append(0.0, mean * (1.0 - kept)), check_finite=False)
 
 

@@ -63,7 +63,7 @@ class Canvas:
         self.pygame.draw.polygon(self._surface, colour, self._scaled(points))
 
     def rectangle(self, box: Box, colour: str) -> None:
-        """Fill a rectangle; its edges may lie within a pixel."""
+        """Fill a rectangle; its edges are rounded to 1 / OVERSAMPLING pixel."""
         left, top, width, height = box
         (x0, y0), (x1, y1) = self._scaled([(left, top), (left + width, top + height)])
         self._surface.fill(colour, (x0, y0, max(x1 - x0, 1), max(y1 - y0, 1)))
@@ -84,6 +84,6 @@ class Canvas:
 
     @staticmethod
     def _scaled(points: Sequence[Point]) -> list[tuple[int, int]]:
-        """Return `points` in pixels of the oversampled surface, within FARTHEST of 0."""
+        """Return `points` in pixels of the oversampled surface, clipped at FARTHEST."""
         x, y = np.clip(np.transpose(points) * OVERSAMPLING, -FARTHEST, FARTHEST).round().astype(int).tolist()
         return list(zip(x, y, strict=True))

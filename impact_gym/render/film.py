@@ -19,14 +19,14 @@ SHORTEST, LONGEST = 6.0, 10.0  # s, shortest and longest film
 CONTACT_FACTOR = 32  # smallest slow-motion factor while tool and object touch, before the episode ends
 LARGEST_FACTOR = 1024  # largest slow-motion factor
 SMALLEST_FACTOR = 0.25  # smallest slow-motion factor, for a long simulation after the episode's end
-FRAMES_PER_IMPACT = 16  # about the number of frames of an elastic Hertz impact of the bodies
-FRAMES_PER_FOLD = 6  # frames in which the time to or since a touch changes by a factor of 2.718; fewer near the touch
-SETTLING_FRAMES = 45  # most frames after the end, if no impact follows and the factor is not limited or rounded
+FRAMES_PER_IMPACT = 16  # about the number of frames of an elastic Hertz impact
+FRAMES_PER_FOLD = 6  # near a touch, about the time to or since the touch divided by the time between frames
+SETTLING_FRAMES = 45  # most frames intended after an episode's end; impacts, rounding and limits of the factor add some
 SLOWEST_IMPACT = 1e-3  # m/s; the film of a slower impact has the slow-motion factor of an impact at this speed
 
 
 class State(NamedTuple):
-    """The state of the chain at one instant, in SI units; names as in `Trace`."""
+    """The state of flange, tool and object at one instant, in SI units; names as in `Trace`."""
 
     time: float
     flange_position: float
@@ -76,7 +76,7 @@ class History:
         self.partings = np.append(partings, math.inf)[: len(self.touches)]
 
     def at(self, time: float) -> State:
-        """Return the state of the chain at `time` (s), interpolated linearly between points of the trace."""
+        """Return the state at `time` (s), interpolated linearly between points of the trace."""
         last = len(self.time) - 1
         row = min(max(int(self.time.searchsorted(time, side="right")) - 1, 0), max(last - 1, 0))
         begin, end = self._rows[row], self._rows[min(row + 1, last)]
@@ -86,8 +86,8 @@ class History:
     def factor(self, time: float) -> float:
         """Return the factor, a power of two, by which the film is slower than real time at `time` (s).
 
-        The factor rises before a touch, so that an impact has about FRAMES_PER_IMPACT frames. The factor falls after
-        the touch, because a coupling can prolong the contact.
+        The factor rises before a touch, so that an impact has about FRAMES_PER_IMPACT frames. From the touch on the
+        factor falls, even during the contact, because a coupling can prolong the contact.
         """
         state = self.at(time)
         begun = int(np.searchsorted(self.touches, time, side="right"))

@@ -56,7 +56,7 @@ def from_urdf(
             the three moments of such a body by their mean, as MuJoCo's `balanceinertia` does.
 
     Raises:
-        TypeError, ValueError: the file does not describe such an arm, or an argument is invalid.
+        TypeError, ValueError: the file describes no serial arm from `base` to `tip`, or an argument is invalid.
         ImportError: MuJoCo is not installed.
 
     Warns:

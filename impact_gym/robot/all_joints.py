@@ -5,7 +5,7 @@
 Joints of stiffness K and damping D connect the motors, at the angles q_m, with the links, at the angles q. The motors
 follow the line of the approach, exactly or by a servo. Tool and object move along this line. F is the force of the
 coupling on the tool or, if the coupling is rigid, of the tool on the object. MuJoCo computes the mass matrix M, the
-flange's Jacobian J, and c, the weight and Coriolis forces. SciPy, not the compiled solver, integrates this equation.
+flange's Jacobian J, and c, the weight and Coriolis forces. SciPy integrates the equations.
 """
 
 import math
@@ -47,7 +47,7 @@ def simulate(
     arm: Arm, approach: Approach, scene: Scene, motion: Trapezoid | Motion, *, duration: float,
     gravity: bool = False, servo: Servo | None = None, rtol: float = 1e-8, most_evaluations: int = MOST_EVALUATIONS,
 ) -> Blow:  # fmt: skip
-    """Simulate an approach of `arm` with all its joints along the line of `approach`.
+    """Simulate `arm` with all its joints while it moves along the line of `approach`.
 
     Args:
         arm: the arm that `approach` describes.
@@ -93,7 +93,7 @@ def _run(equations: Equations, duration: float, rtol: float) -> Blow:
     y, t, touching, status, impact = equations.first, 0.0, False, "ok", None
     touches, parted, peak, sideways = list[float](), list[float](), 0.0, 0.0
     due = 0.0 if servo else math.inf  # s, time of the servo's next sample
-    late = deque[tuple[float, Array]]()  # times at which commanded torques will begin to act, and these torques
+    late = deque[tuple[float, Array]]()  # torques that do not act yet, with the times at which they begin to
     try:
         while t < duration:
             if servo and t >= due:

@@ -55,9 +55,9 @@ class Approach(Parameters):
             object.__setattr__(self, name, values)
 
     def robot_table(self, mass: Mass | None = None) -> RobotTable:
-        """Return the robot with parameters that vary along the line; `mass` names one of three kinds of mass.
+        """Return the robot with parameters that vary along the line; `mass` is "held", "effective" or "composite".
 
-        With the effective mass, the stiffness is the effective one, and the damping is reduced in the same ratio.
+        With "effective" the stiffness is `effective_stiffness`; the damping is reduced in the ratio of the stiffnesses.
         """
         mass = self.chosen if mass is None else mass
         choice("mass", mass, get_args(Mass))

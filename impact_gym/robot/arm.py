@@ -17,10 +17,10 @@ from impact_gym.robot.approach import Approach, Array
 from impact_gym.robot.bodies import Body, specification
 from impact_gym.validation import number, numbers
 
-TOLERANCE = 1e-10  # m and rad, largest error of a pose found by the search for joint angles
-STEPS = 200  # largest number of steps of this search
-LARGEST_TURN = 0.2  # rad or m, largest change of a joint in a step of the search
-SPACING, LONGEST = 0.0025, 4.0  # m, largest distance between rows, if a length is given, and largest length of a line
+TOLERANCE = 1e-10  # m and rad, largest error of a pose found by `joint_angles`
+STEPS = 200  # largest number of steps of `joint_angles`
+LARGEST_TURN = 0.2  # rad or m, largest change of a joint in a step of `joint_angles`
+SPACING, LONGEST = 0.0025, 4.0  # m, largest distance between rows that `along` chooses; largest length of a line
 
 MAX_CONDITION = 30.0
 """Largest allowed `Arm.condition`.
@@ -35,7 +35,7 @@ class Arm:
 
     stiffness: Array  # N m/rad or N/m, of the joints, (n,)
     damping: Array  # N m s/rad or N s/m, (n,)
-    rotors: Array  # kg m^2 or kg, inertia of the motors' rotors as seen at the joints, after the gear, (n,)
+    rotors: Array  # kg m^2 or kg, inertia of the rotors, times the square of the gear ratio, (n,)
 
     def __init__(self, bodies: Sequence[Body], tip: Array, balanced: bool) -> None:
         self._mujoco, self._specification = specification(bodies, tip, balanced)
@@ -86,12 +86,12 @@ class Arm:
         return jacobian
 
     def held_rows(self, angles: ArrayLike) -> Array:
-        """Return the rows of J(q) of the flange's held directions: six, or three translations with under six joints."""
+        """Return the rows of J(q) that a line prescribes: all six or, with under six joints, the three translations."""
         return self.jacobian(angles)[: 6 if self.holds_orientation else 3]
 
     @cached_property
     def rank(self) -> int:
-        """Rank of `held_rows` at general joint angles; below the number of rows for an arm that moves in a plane."""
+        """Rank of `held_rows` away from singularities; for a planar arm it is below the number of rows."""
         low, high = np.clip([self.lower, self.upper], -3.0, 3.0)
         somewhere = np.random.default_rng(0).uniform(low, np.maximum(high, low), (8, self.count))
         return max(int((sizes > 1e-9 * sizes[0]).sum()) for sizes in map(self._singular_values, somewhere))
@@ -101,7 +101,7 @@ class Arm:
         return np.linalg.svd(np.vstack([rows[:3], self.length * rows[3:]]), compute_uv=False)
 
     def condition(self, angles: ArrayLike) -> float:
-        """Return largest / `rank`-th singular value of `held_rows`, whose rotations are multiplied by `length`."""
+        """Return largest / `rank`-th singular value of `held_rows`, with its angular rows multiplied by `length`."""
         sizes = self._singular_values(angles)
         return float(sizes[0] / sizes[self.rank - 1]) if sizes[self.rank - 1] > 0.0 else np.inf
 
@@ -158,7 +158,7 @@ class Arm:
         stiff position control behaves nearly like such a body (Wang, Dehio and Kheddar, arXiv 2202.12646).
 
         With more joints than rows of `held_rows`, held mass and stiffness are elements of (J A^-1 J^T)^-1, where A is
-        the joints' mass or stiffness matrix. The damping is then computed from the joint rates of a static deflection.
+        the joints' mass or stiffness matrix. For the damping, the joint rates are proportional to a static deflection.
 
         Raises:
             ValueError: the arm cannot move in `direction`, or is too near a singularity.
@@ -191,8 +191,8 @@ class Arm:
             length: length of the line, m; or the positions of the table's rows, m from the start, rising from 0.
 
         Raises:
-            ValueError: the arm cannot follow the line (the message names the first place that it cannot reach), or the
-                stiffness along the line is so low or high that a unit is probably wrong.
+            ValueError: the arm cannot follow the line, an argument is invalid, or the stiffness along the line is so
+                low or so high that a unit is probably wrong.
         """
         unit, angles, given = _unit(direction), np.array(numbers("start", start, "rad")), length
         if not hasattr(given, "__len__"):

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from impact_gym.robot.approach import Array
 
 LEAST_MASS, LEAST_INERTIA = 1e-9, 1e-15  # kg and kg m^2, least mass and least principal moment of inertia of a body
-LARGEST_GYRATION = 3.0  # m; a radius of gyration above this and above the arm's reach means inertia in kg mm^2
+LARGEST_GYRATION = 3.0  # m; if a radius of gyration exceeds this and the arm's reach, inertia is probably in kg mm^2
 ROUNDING = 1e-6  # a moment of inertia may exceed the sum of the two others by this fraction, as files are rounded
 
 
@@ -27,7 +27,7 @@ class Body(NamedTuple):
 
 
 def specification(bodies: Sequence[Body], tip: Array, balanced: bool) -> tuple[Any, Any]:
-    """Return mujoco and an MjSpec of the arm; `tip` (4, 4): pose of the flange in the frame of the last body."""
+    """Return the module mujoco and the arm's MjSpec; `tip` (4, 4): pose of the flange in the frame of the last body."""
     try:
         mujoco: Any = importlib.import_module("mujoco")  # imported by name, so that type checks run without MuJoCo
     except ImportError as missing:
@@ -60,7 +60,7 @@ def _inertia(body: Body, reach: float, balanced: bool) -> dict[str, Any]:
     what = f"link {first}" + (f" with {', '.join(others)} welded to it" if others else "")
     found = f"{what} has principal moments of inertia of {least:.6g}, {middle:.6g} and {most:.6g} kg m^2"
     if not least >= LEAST_INERTIA:
-        raise ValueError(f"{found}: each must be above 0, and not below {LEAST_INERTIA:g} kg m^2")
+        raise ValueError(f"{found}: each must be above 0 (at least {LEAST_INERTIA:g} kg m^2)")
     if most <= (1.0 + ROUNDING) * (least + middle):
         spread = np.maximum(spread, 1e-12 * spread.sum())  # because MuJoCo refuses even this small excess
         moments = spread.sum() - spread

@@ -46,7 +46,7 @@ class Path:
         return self._places[k] + (speed + 0.5 * rate * since) * since, speed + rate * since, rate
 
     def brake(self, detection: float) -> None:
-        """Append the braking. The force exceeds the threshold at `detection` (s); the brake starts one delay later."""
+        """Append braking to rest that begins one delay after `detection` (s), when the force exceeds the threshold."""
         assert isinstance(self._motion, Trapezoid)
         assert self._motion.brake
         t = detection + self._motion.brake.delay
@@ -58,7 +58,7 @@ class Path:
 
 @dataclass(frozen=True, slots=True)
 class Servo(Parameters):
-    """A sampled PD control of motor positions, plus the torques for commanded acceleration and elastic joints."""
+    """A sampled PD control of motor positions, with feedforward of acceleration and compensation of joint torques."""
 
     frequency: Annotated[float, SI("rad/s", above=0)] = 300.0  # natural frequency of a controlled rotor without link
     damping_ratio: Annotated[float, SI("-", above=0)] = 1.0
@@ -71,7 +71,7 @@ class Unfinished(Exception):  # noqa: N818 a status, not an error
 
 
 class Equations:
-    """The equations of motion, and the numbers in them.
+    """The equations of motion and their parameters.
 
     The state: joint angles and rates; with a servo, motor angles and rates; position and velocity of the tool, then of
     the object; impulse on the object.
@@ -100,7 +100,7 @@ class Equations:
 
         if gravity:
             q = fsolve(unbalanced, q_m)
-        self.torque = arm.stiffness * (q_m - q)  # torques of the motors that act now, used only with a servo
+        self.torque = arm.stiffness * (q_m - q)  # the motors' present torques, used only with a servo
         motors = [q_m, np.zeros(self.n)] if servo else []
         place = float(self.u @ (self.arm.flange(q)[0] - self.start))
         self.first = np.concatenate([q, np.zeros(self.n), *motors, [place, 0.0, scene.object.distance, 0.0, 0.0]])

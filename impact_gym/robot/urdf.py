@@ -116,7 +116,7 @@ def _named(robot: Element, kind: str) -> dict[str, Element]:
 
 
 def _only(of: Element | None, tag: str, name: str) -> Element | None:
-    """Return the only child with this tag, or None; messages contain `name`, the parent's name."""
+    """Return the only child of `of` with this tag, or None; `name` stands for `of` in messages."""
     found = [] if of is None else of.findall(tag)
     if of is not None and len(found) > 1:
         raise ValueError(f"{of.tag} {name!r} has {len(found)} elements <{tag}>, allowed is one")
@@ -145,7 +145,7 @@ def _downwards(links: Collection[str], elements: Mapping[str, Element]) -> list[
 
 
 def _numbers(what: str, of: Element | None, key: str, unit: str, missing: str, most: float) -> tuple[float, ...]:
-    """Return the numbers in attribute `key`, as many as the words in `missing`, which replaces a missing attribute."""
+    """Return the numbers in attribute `key`. If it is absent, `missing` replaces it, with one word for each number."""
     text = missing if of is None else of.get(key, missing)
     try:
         values = [float(each) for each in text.split()] if "_" not in text else []  # float() would accept 1_0
@@ -161,7 +161,7 @@ def _numbers(what: str, of: Element | None, key: str, unit: str, missing: str, m
 
 
 def _place(name: str, of: Element) -> Array:
-    """Return the pose of a joint or of an inertial frame, homogeneous, (4, 4)."""
+    """Return the pose of a joint or of an inertial frame, a homogeneous matrix (4, 4)."""
     origin, place = _only(of, "origin", name), np.eye(4)
     if unknown := [] if origin is None else sorted({*origin.keys()} - {"xyz", "rpy"}):
         raise ValueError(f"origin of {name} has {', '.join(unknown)}, allowed are xyz and rpy")
@@ -199,7 +199,7 @@ def _axis(joint: Joint) -> Array:
 
 
 def _inertia(link: Element, remarks: list[str]) -> Array:
-    """Return the pseudo-inertia J (4, 4) of a link: the integral of r r' over its mass, r = (x, y, z, 1) in its frame.
+    """Return a link's pseudo-inertia J (4, 4), the integral of r r' over mass; r = (x, y, z, 1) in the link's frame.
 
     In a frame in which the link has the pose T, the pseudo-inertia is T J T'. In a common frame the pseudo-inertias
     of welded links add up (Wensing, Kim and Slotine, IEEE Robotics and Automation Letters 3, 2018).

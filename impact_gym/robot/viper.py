@@ -1,6 +1,6 @@
 """The paper's arm, the Viper s650, and a default approach on which it has the paper's mass and stiffness.
 
-The paper gives neither the joint angles nor the place of the impact. From Fig. 12 the paper prints only one
+The paper gives neither the joint angles nor the place of the impact. Of Fig. 12 the paper prints only one
 number: robot mass m_r + tool mass m_t = 5.35 kg at the impact. From other printed numbers we infer the robot's
 stiffness at the impact, k_r = 1.9e5 N/m, and the travel to the impact, 0.2505 m (see docs/provenance.md).
 
@@ -29,7 +29,7 @@ DAMPING_OVER_STIFFNESS = 3.7e-4  # s, each joint's damping / stiffness; gives a 
 MASS_AT_IMPACT = 5.35 - 0.125  # kg, robot mass m_r: 5.35 kg minus the tool mass (paper, section 3.2)
 STIFFNESS_AT_IMPACT = 1.9e5  # N/m, robot stiffness k_r, inferred from the paper's Fig. 13b and 14a
 PITCH = {"down": np.pi, "horizontal": np.pi / 2}
-"""rad, angle of the flange's z axis from upward towards +x. "horizontal": the tool points along the approach."""
+"""rad, angle from upward to the flange's z axis, towards +x. "horizontal": the tool points along the approach."""
 PROVENANCE = {  # without version and date, so that the same table gives the same file
     "made_by": "impact_gym.robot.viper.write_default_approach()",
     "robot": "Viper s650, viper_s650.urdf and viper.py beside this file: inertia and joint stiffness are ESTIMATES",

@@ -175,7 +175,7 @@ def test_operator_draws_every_recording_and_a_set_up_takes_it(folder, tmp_path):
 
 
 def test_tries_that_do_not_count_or_do_not_fit_are_refused(tmp_path):
-    refused(lambda: make(tmp_path), "has no unmarked try of a person")
+    refused(lambda: make(tmp_path), "has no try of a person that is not marked")
     for setup in ("teleop-rigid", "teleop-spring"):
         try_files.write(tmp_path / f"{setup}.json", pushed(lambda time: 0.4 if time < 2.0 else 0.0, setup=setup))
     refused(lambda: make(tmp_path, operator=tmp_path / "operator.toml"), "several set-ups or couplings")

@@ -14,7 +14,7 @@ from impact_gym.render.film import FRAME_RATE, History
 from impact_gym.scene import Bistable, Rigid, SpringDamper
 from impact_gym.task import Task
 
-MOST = 200  # `thin` adds no points to a time history that has this number
+MOST = 200  # number of rows at which `thin` stops adding rows
 POSITION, VELOCITY, FORCE, DEPTH = 0.0003, 0.003, 0.005, 0.005  # allowed interpolation error / largest value
 
 
@@ -23,7 +23,7 @@ def thin(
 ) -> NDArray[np.int64]:
     """Return the indices of the rows to keep: first, last, and the rows beside each start and end of a contact.
 
-    Rows are added until the errors of interpolation are at most `coarse` times those allowed, or there are MOST rows.
+    Rows are added until the interpolation errors are at most `coarse` times the allowed errors, or there are MOST rows.
     """
     depth = limits["depth"]
     penetration = columns["tool_position"] - columns["object_position"]
@@ -124,7 +124,7 @@ def farthest(run: History, end: float) -> float:
 
 
 def clock(runs: Sequence[History], end: float, coarse: float = 1.0) -> list[list[float]]:
-    """Return start (s) and slow-motion factor (the largest of `runs`) of each part of a film until `end` (s)."""
+    """Return the parts of a film until `end` (s), each with start (s) and slow-motion factor, the largest of `runs`."""
     time, stretches = 0.0, list[list[float]]()
     while time < end:
         slower = max(run.factor(time) for run in runs)
@@ -174,7 +174,7 @@ def play(
 
 
 def scene_of(runs: Mapping[str, History], coarse: float = 1.0) -> dict[str, Any]:
-    """Return one scenario for `fragment`: clock, axis limits, histories; `coarse`: factor of errors and time steps."""
+    """Return one scenario for `fragment`: clock, axis limits, histories; `coarse` multiplies errors and time steps."""
     ends = [contacts_of(run)[-1][1] + AFTER if run.touches.size else run.now for run in runs.values()]
     end = round(max(ends), DECIMALS["time"])
     histories = {name: until(run, end) for name, run in runs.items()}

@@ -76,7 +76,7 @@ def _numbers_beyond_delay(frame: pl.DataFrame) -> Numbers:
 
 
 def _notice_delays(approach: ig.Scene) -> tuple[float, float]:
-    """Return when contact force and change of coupling force first exceed THRESHOLD, in seconds after the touch."""
+    """Return when, in s after the touch, the contact force and the coupling force's change first exceed THRESHOLD."""
     outcome, trace = scenes.simulate_with_trace(approach, STEADY)
     time = trace.time - outcome.contacts[0].start
     change = np.abs(trace.coupling_force - np.interp(0.0, time, trace.coupling_force))
@@ -159,7 +159,7 @@ def _row(coupling: str, speed: float) -> Row:
 
 
 def beyond_speed() -> list[Row]:
-    """Simulate each coupling at SPEEDS, and close to speeds at which contacts, passes or alarms change in number."""
+    """Simulate each coupling at SPEEDS, and around each speed where the count of contacts, passes or alarms changes."""
     counts = ("contacts", "passes", "alarm")
     return [row for name in COUPLINGS for row in enclose_changes(SPEEDS, partial(_row, name), "speed", *counts)]
 

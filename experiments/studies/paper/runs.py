@@ -25,7 +25,7 @@ def where(frame: pl.DataFrame, **values: float | str) -> dict[str, NDArray[Any]]
 
 
 def enclose_changes(values: Iterable[float], row: Callable[[float], Row], parameter: str, *counts: str) -> list[Row]:
-    """Return `row(value)` for rising `values`; where one of `counts` changes, add two rows at most WIDTH apart."""
+    """Return `row(value)` for rising `values`; add two rows, at most WIDTH apart, around each change of a count."""
     rows = [row(value) for value in values]
     enclosing: list[Row] = []
     for count, (low, high) in product(counts, pairwise(rows)):
@@ -78,7 +78,7 @@ class Run:
         rate = first.tool_velocity - first.object_velocity
         self.restitution = -rate[-1] / rate[0]  # of the first contact
         behind = first.command_position - first.tool_position
-        self.deflection = 1e3 * (behind.max() - behind[0])  # mm, deflection of the robot caused by the contact
+        self.deflection = 1e3 * (behind.max() - behind[0])  # mm, how far the contact pushes the tool behind the command
         self.way = 1e3 * np.ptp(first.command_position)  # mm, length of the commanded motion during the first contact
 
     def part(self, rows: NDArray[np.bool_]) -> ig.Trace:
@@ -86,7 +86,7 @@ class Run:
         return ig.Trace(*(column[rows] for column in self.trace))
 
     def running_impulse(self) -> tuple[Array, Array]:
-        """Return times (s) from the first touch; the coupling's impulse in contacts up to each time (N s; eq. 21)."""
+        """Return times (s) from the first touch, and the coupling's impulse in contacts until then (N s; eq. 21)."""
         time, force, contact = self.trace.time, self.trace.coupling_force, self.contact
         within = (contact[1:] > 0) & (contact[1:] == contact[:-1])
         pieces = np.where(within, 0.5 * (force[1:] + force[:-1]) * np.diff(time), 0.0)

@@ -3,7 +3,7 @@
 The instantaneous impact of a tool at 1 m/s on an object at rest is computed in closed form (paper, eq. 1-4). The
 non-instantaneous impact is simulated as an approach without a brake, at 1 m/s in the paper's figures. Case (a): the
 tool is fixed to the robot. Case (b): the tool is free. Penetration and force of case (b) are those of a fixed tool and
-an object with the reduced mass of tool and object. So case (b) is simulated in this way.
+an object with the reduced mass of tool and object. So case (b) is simulated with a fixed tool and this object.
 """
 
 from collections.abc import Iterable

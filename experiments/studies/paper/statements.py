@@ -130,7 +130,7 @@ def judge(figure: str, said: Said, numbers: Numbers, others_agree: bool = True) 
 
 
 def judged(numbers: Mapping[str, Numbers], statements: Mapping[str, Said] = SAID) -> pl.DataFrame:
-    """Return a row of `judge` for each statement whose figure, and the figures of its `agree`, are in `numbers`."""
+    """Return a row of `judge` for each statement, if `numbers` has its figure and the figures of its `agree`."""
     found = dict[str, dict[str, Any]]()
     for name, said in sorted(statements.items(), key=lambda item: bool(item[1].agree)):  # statements with `agree` last
         figure = name.partition(".")[0]

@@ -42,7 +42,7 @@ OTHERS = {  # ranges of further random numbers of a scene; we chose these ranges
 EXPONENTS = (*((1.5, 1.5),) * 6, (1.0, 0.0), (1.0, 1.0), (2.0, 2.0), (1.5, 1.0), (1.2, 1.2), (3.0, 0.0))
 ROUGH = 0.25  # probability of each change by `roughened`
 AT_AN_END = 0.05  # share of the draws from RANGES that are an end of the range
-AFTERMATH = 0.5  # s, least time for which a run continues after an unbraked flange would reach the object
+AFTERMATH = 0.5  # s, a run lasts at least this much longer than an unbraked flange needs to reach the object
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ def approach_of(name: str) -> Approach:
 def named() -> tuple[Approach, ...]:
     """Return the six named approaches."""
     soft, spring = ig.SpringDamper(50.0), ig.SpringDamper(150.0)
-    # Fig. 23 at just below 0.97724 m/s; at a higher speed the slider stays behind its alignment
+    # Fig. 23 at just below 0.97724 m/s; above this speed the slider passes its alignment for good
     speed = 0.9772  # m/s
     at_threshold = ig.Trapezoid(speed, MOTION.acceleration, MOTION.brake)
     distance = speed**2 / (2 * MOTION.acceleration) + speed * (DISTANCE - 1 / (2 * MOTION.acceleration))
@@ -126,7 +126,7 @@ class _Draw:
         self.share = self.rng.uniform
 
     def value(self, name: str) -> float:
-        """Draw from a range: log-uniformly, or from 0 uniformly. Some draws from RANGES are an end of the range."""
+        """Draw log-uniformly, or uniformly if the range begins at 0. Some draws from RANGES are an end of the range."""
         low, high = RANGES.get(name) or OTHERS[name]
         u, end = map(float, self.rng.random(2))
         if name in RANGES and end < AT_AN_END:

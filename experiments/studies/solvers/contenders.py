@@ -41,7 +41,7 @@ def failure(solution: Solution, truth: Solution, allowed: float) -> str:
 
 
 def true_row(approach: str) -> list[Row]:
-    """Return the truth for a named approach (by DOP853), and the difference of a solution by Radau."""
+    """Return the truth for a named approach, computed with DOP853, and how Radau's solution differs from it."""
     found = approach_of(approach)
     best, second = (
         Solution.of(reference.simulate(*found.run, rtol=rtol, method=method), found.duration)

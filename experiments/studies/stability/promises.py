@@ -1,4 +1,4 @@
-"""Promises about the runs of the storm, and functions that find scenes that break a promise."""
+"""Promises about the runs of the storm (random scenes), and functions that find scenes that break a promise."""
 
 from typing import NamedTuple
 
@@ -30,7 +30,7 @@ class Promise(NamedTuple):
         return wrong.select("scene", promise=pl.lit(self.text), reason=reason, coupling="coupling")
 
     def finding(self, rows: pl.DataFrame) -> str:
-        """Return in words how many rows break the promise, and median and largest value of `number`."""
+        """Return in words how many rows break the promise, and the median and the largest value of `number`."""
         count = self.broken(rows).height
         broken = [f"{count} of {rows.height} scenes do not"] if count else []
         numbers = rows.filter(self.about).select(number=self.number)["number"].drop_nulls().to_numpy()
@@ -61,9 +61,9 @@ def failures(rows: pl.DataFrame) -> pl.DataFrame:
 
 
 def agreement(storm: pl.DataFrame, truths: pl.DataFrame) -> pl.DataFrame:
-    """Return the rows that the independent solver solved; `apart`: V_p or passes differ, or our run failed."""
+    """Return rows that the independent solver solved; `apart`: V_p or the count `passes` differs, or our run failed."""
     true = {f"true_{name}": name for name in ("velocity", "contacts", "passes")}
-    empty = pl.DataFrame(schema=dict.fromkeys(true.values(), pl.Float64))  # if no truth is known, columns are missing
+    empty = pl.DataFrame(schema=dict.fromkeys(true.values(), pl.Float64))  # for the columns, if no scene was solved
     known = pl.concat([truths.filter(FINISHED), empty], how="diagonal_relaxed").select("scene", **true)
     size = pl.max_horizontal(pl.col("true_velocity").abs(), 1e-6 * pl.col("speed"))  # V_p may be 0
     error = (pl.col("object_velocity") - pl.col("true_velocity")).abs() / size
@@ -73,7 +73,7 @@ def agreement(storm: pl.DataFrame, truths: pl.DataFrame) -> pl.DataFrame:
 
 
 def over_agreement(judged: pl.DataFrame, unknown: int) -> tuple[str, str, bool]:
-    """Return text, finding and verdict of agreement with the independent solver, which failed in `unknown` scenes."""
+    """Return text, finding and verdict on the agreement of V_p; the independent solver failed in `unknown` scenes."""
     apart, errors = judged.filter("apart").height, judged["velocity_error"].drop_nans().to_numpy()
     words = f"{apart} of {judged.height} do not, the independent solver failed in {unknown}"
     words += f", median {np.median(errors):.1e}" if errors.size else ""

@@ -1,4 +1,4 @@
-"""Simulation of each scene of the storm, and physical checks of the result.
+"""Simulation of each random scene of the storm, and physical checks of the result.
 
 Energy. M is the reduced mass of tool and object, delta the penetration, v_in and v_out are the velocities of approach
 and separation. The forces on the tool, except the contact force, give it the acceleration a. The contact force is
@@ -29,21 +29,21 @@ from experiments.studies.solvers.approaches import Approach, Solution, storm
 from experiments.studies.solvers.contenders import limited
 from impact_gym.physics.impact import GRAVITY
 
-NEVER = 1e6  # s, stands for the end of an unfinished contact
+NEVER = 1e6  # s, taken as the end of an unfinished contact
 AGAIN_OVER = 20.0  # ms; a longer run is timed again, because a first run also loads modules and tables
 LONGEST_TRACE = 50_000  # largest number of steps of a run with a trace; a longer trace would fill the memory
-FINER = 1e-10  # `rtol` of a second run of each scene with a trace
+FINER = 1e-10  # `rtol` of a second run, made for each scene that has a trace
 STIFF = 20.0  # damping factor d above which the independent solver tries Radau first
 TRUE_RTOL = {"DOP853": 1e-11, "Radau": 1e-10}
 CHECKS = ("momentum_error", "impulse_error", "energy_created", "energy_doubt", "pull")
-"""Columns with the checks of a run, without units: values of the worst contact, 0 without a contact.
+"""Columns with the checks of a run. Each is a ratio, of the worst contact; 0: there was no contact.
 
-`momentum_error`: residual of the paper's eq. 20, divided by the impulse. `impulse_error`: difference between impulse
-and gain of the object's momentum that friction does not explain, divided by the impulse. `energy_created`: energy that
-the contact created (below 0: lost), divided by the energy exchanged; nan without a trace. `energy_doubt`: doubt of
+`momentum_error`: residual of the paper's eq. 20, divided by the impulse. `impulse_error`: impulse minus the object's
+gain in momentum, without the part that friction explains, divided by the impulse. `energy_created`: energy that the
+contact created (below 0: lost), divided by the energy exchanged; nan without a trace. `energy_doubt`: doubt of
 `energy_created`; nan without a trace. `pull`: the largest of three ratios: a contact force below 0, divided by the peak
-force; a decrease of the object's velocity beyond friction, divided by v; a negative impulse, divided by the object's
-mass times v. Here v is the object's velocity before the contact plus the approach velocity.
+force; a decrease of the object's velocity that friction does not explain, divided by v; a negative impulse, divided by
+the object's mass times v. Here v is the object's velocity before the contact plus the approach velocity.
 """
 
 Array = NDArray[np.float64]
@@ -120,7 +120,7 @@ def checked(scene: ig.Scene, outcome: ig.Outcome) -> dict[str, float]:
     for contact in outcome.contacts:
         after, striking = contact.object_velocity, before + contact.approach_velocity
         until = NEVER if contact.end is None else contact.end
-        rubbed = slowing * (until - since)  # m/s, largest change of V_p by friction
+        rubbed = slowing * (until - since)  # m/s, largest loss of the object's velocity by friction
         lost = contact.impulse - m_p * (after - before)
         impulse_error = max(-lost, lost - m_p * rubbed, 0.0) / max(contact.impulse, 1e-300)
         budgets.append((abs(contact.momentum_error), impulse_error))
@@ -162,7 +162,7 @@ def energy(scene: ig.Scene, trace: ig.Trace, contact: ig.ContactRecord) -> tuple
 def _work(
     target: ig.Object, time: Array, mass: Array, delta: Array, rate: Array, velocity: Array, force: Array
 ) -> tuple[Array, Array]:
-    """Return M a d(delta) (J) between successive points, with constant M a there, and the impulses so far (N s)."""
+    """Return the work M a d(delta) (J) between points, and the impulse on the object up to each point (N s)."""
     # impulse = momentum of the object + impulse of friction; without sliding, friction equals the contact force
     friction, passed = GRAVITY * target.mass * (target.friction or 0.0), np.diff(time)
     slides = velocity[1:] + velocity[:-1] != 0.0

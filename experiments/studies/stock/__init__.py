@@ -1,4 +1,4 @@
-"""Trainings of stable-baselines3's algorithms, with the settings of rl_zoo3 in this folder: cost over processor time.
+"""Trainings with stable-baselines3 and sb3-contrib, with this folder's settings for rl_zoo3: cost over processor time.
 
 Each algorithm trains one policy for each seed in `ImpactApproach-v0`, with `ImpactVecEnv` and one thread of torch. At
 each time in MARKS and at the end of the training, the policy plays scenarios that no training used.
@@ -48,7 +48,7 @@ def cost_of(controller: Any) -> float:
 
 
 def trained(algorithm: str, seed: int, settings: dict[str, Any]) -> list[Row]:
-    """Train with settings of rl_zoo3; return the cost at each mark and at the end."""
+    """Train with settings for rl_zoo3; return the cost at each time in MARKS and at the end."""
     import torch
     from stable_baselines3.common.noise import NormalActionNoise
     from stable_baselines3.common.vec_env import VecNormalize
@@ -106,7 +106,7 @@ def chart(found: pl.DataFrame, costs: Mapping[str, float]) -> Figure:
 
 
 def analyse(frames: Frames, _: bool) -> Findings:
-    """Compare the algorithms at each mark."""
+    """Compare the algorithms at each time in MARKS and at the end."""
     frame = pl.concat([frames[algorithm] for algorithm in ALGORITHMS], how="diagonal_relaxed")
     groups, cost = frame.group_by("algorithm", "mark", maintain_order=True), pl.col("cost")
     found = groups.agg(pl.median("seconds"), median=cost.median(), low=cost.min(), high=cost.max(), count=pl.len())
