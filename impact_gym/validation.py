@@ -58,7 +58,7 @@ def number(
     if type(value) is float and above < value <= at_most and at_least <= value < math.inf:  # the usual case
         return value
     wrong = WrongTypeError(f"{field} must be a number {unit_text(unit, 'in ')}, got {shown(value)}")
-    unit, wanted = unit_text(unit), unit_text(unit, "in ")
+    unit = unit_text(unit)
     kind = getattr(getattr(value, "dtype", None), "kind", "f")
     if isinstance(value, (str, bytes, bool)) or not hasattr(value, "__float__") or kind not in "fiu":
         raise wrong

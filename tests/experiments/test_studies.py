@@ -192,9 +192,10 @@ def test_trainings_of_stock_agents_end_after_their_steps_beside_the_rule(tmp_pat
         settings = cell.arguments["settings"]
         settings |= {key: value for key, value in small.items() if key in settings}
         cells[name] = lambda *_, cell=cell: [cell]
-    run = small_run(stock.STUDY, tmp_path, others=lambda *_: [Cell({}, {})], **cells)
+    first = {"setup": "linear-blind"}
+    run = small_run(stock.STUDY, tmp_path, others=lambda *_: [Cell(first, first)], **cells)
     run.write()
     text_of_a_page_that_stands_on_its_own(tmp_path, figures=1)
     assert {run[name]["steps"][-1] for name in stock.ALGORITHMS} == {64}
     rule = ScenarioBatch(41_000_000, 500, time_weight=[2.0]).play(PaperTrapezoid())
-    assert run["others"]["cost"][0] == rule.loss(2.0).mean()
+    assert run["others"]["rule"][0] == rule.loss(2.0).mean()

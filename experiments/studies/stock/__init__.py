@@ -1,7 +1,7 @@
 """Trainings with stable-baselines3 and sb3-contrib, with this folder's settings for rl_zoo3: cost over processor time.
 
-Each algorithm trains one policy for each seed in `ImpactApproach-v0`, with `ImpactVecEnv` and one thread of torch. At
-each time in MARKS and at the end of the training, the policy plays scenarios that no training used.
+Each algorithm trains one policy for each seed in `ImpactApproach-v0`, with `ImpactVecEnv` and one thread of torch; PPO
+also in three other environments. At each time in MARKS and at the end, the policy plays objects that no training used.
 """
 
 import time
@@ -16,16 +16,22 @@ import numpy as np
 import polars as pl
 from matplotlib.figure import Figure
 
-from agents.baselines.tuned import load_baseline
+from agents.evaluate.play import controller_of
 from agents.evaluate.scenario_batch import ScenarioBatch
 from agents.policies import load_policy
+from agents.setups import load_setup
 from experiments.lab.charts import OTHERS, SERIES
 from experiments.lab.parts import Picture, Section, Table
 from experiments.lab.study import Cell, Findings, Frames, Measurement, Row, Study
+from experiments.report.matchups import RULE
 
 ALGORITHMS = {  # class, and number of trainings
     "ppo": ("stable_baselines3:PPO", 5), "sac": ("stable_baselines3:SAC", 5), "td3": ("stable_baselines3:TD3", 2),
     "tqc": ("sb3_contrib:TQC", 5), "crossq": ("sb3_contrib:CrossQ", 2),
+}  # fmt: skip
+FIRST, *_ = SETUPS = {  # set-ups with the arguments of these ids
+    "linear-blind": "ImpactApproach-v0", "rigid-blind": "ImpactApproachRigid-v0",
+    "bistable-paper": "ImpactApproachBistable-v0", "linear-ranged": "ImpactApproachRanged-v0",
 }  # fmt: skip
 MARKS = (10, 20, 30, 60, 120, 180, 300, 600)  # s of processor time, without the time of the evaluations
 FIRST_SEED, SCENARIOS, WEIGHT = 41_000_000, 500, 2.0  # test scenarios: first seed, number, time weight (m/s per s)
@@ -37,17 +43,19 @@ def trainings(algorithm: str, quick: bool, _: Frames) -> Iterable[Cell]:
 
     settings = yaml.safe_load(Path(__file__).with_name(f"{algorithm}.yml").read_text())["default"]
     settings["n_timesteps"] = round(settings["n_timesteps"] * (0.02 if quick else 1.0))
-    for seed in range(2 if quick else ALGORITHMS[algorithm][1]):
-        yield Cell({"algorithm": algorithm, "seed": seed}, {"algorithm": algorithm, "seed": seed, "settings": settings})
+    for setup in SETUPS if algorithm == "ppo" else (FIRST,):
+        for seed in range(2 if quick or setup != FIRST else ALGORITHMS[algorithm][1]):
+            labels = {"algorithm": algorithm, "setup": setup, "seed": seed}
+            yield Cell(labels, labels | {"settings": settings})
 
 
-def cost_of(controller: Any) -> float:
-    """Return the mean cost in the test scenarios, with the charge for missed objects, m/s."""
-    scenarios = ScenarioBatch(FIRST_SEED, SCENARIOS, time_weight=[WEIGHT], threads=1)
+def cost_of(controller: Any, setup: str) -> float:
+    """Return the mean cost in the test scenarios of a set-up, with the charge for missed objects, m/s."""
+    scenarios = ScenarioBatch(FIRST_SEED, SCENARIOS, load_setup(setup).task, time_weight=[WEIGHT], threads=1)
     return float(scenarios.play(controller).loss(WEIGHT).mean())
 
 
-def trained(algorithm: str, seed: int, settings: dict[str, Any]) -> list[Row]:
+def trained(algorithm: str, setup: str, seed: int, settings: dict[str, Any]) -> list[Row]:
     """Train with settings for rl_zoo3; return the cost at each time in MARKS and at the end."""
     import torch
     from stable_baselines3.common.noise import NormalActionNoise
@@ -56,7 +64,8 @@ def trained(algorithm: str, seed: int, settings: dict[str, Any]) -> list[Row]:
     from impact_gym.sb3 import ImpactVecEnv
 
     torch.set_num_threads(1)
-    envs = VecNormalize(ImpactVecEnv(settings.pop("n_envs"), threads=1), **settings.pop("normalize"))
+    envs: Any = ImpactVecEnv(settings.pop("n_envs"), threads=1, **load_setup(setup).environment)
+    envs = VecNormalize(envs, **settings.pop("normalize"))
     steps, rate = settings.pop("n_timesteps"), float(settings.pop("learning_rate").removeprefix("lin_"))
     if settings.pop("noise_type", None):
         mean = np.zeros(envs.action_space.shape or ())
@@ -73,7 +82,9 @@ def trained(algorithm: str, seed: int, settings: dict[str, Any]) -> list[Row]:
         seconds = paused - begun - evaluations
         if ended or any(mark <= seconds for mark in MARKS[len(rows) :]):
             mark = "end" if ended else f"{MARKS[len(rows)]} s"
-            rows.append({"mark": mark, "seconds": seconds, "steps": model.num_timesteps, "cost": cost_of(player)})
+            rows.append(
+                {"mark": mark, "seconds": seconds, "steps": model.num_timesteps, "cost": cost_of(player, setup)}
+            )
             evaluations += time.process_time() - paused
         return True  # the training goes on
 
@@ -82,11 +93,12 @@ def trained(algorithm: str, seed: int, settings: dict[str, Any]) -> list[Row]:
     return rows
 
 
-def other_costs() -> list[Row]:
-    """Return the costs of the controllers to compare with."""
-    rule, profile = (load_baseline(name, WEIGHT) for name in ("paper-trapezoid", "blind-profile"))
-    compared = {"paper's rule": rule, "tuned profile": profile, "shipped policy": load_policy("linear-blind")}
-    return [{"controller": words, "cost": cost_of(controller)} for words, controller in compared.items()]
+def other_costs(setup: str) -> list[Row]:
+    """Return the costs of the paper's rule, the tuned profile and the shipped policy in a set-up."""
+    about = load_setup(setup)
+    rule, profile = (controller_of({"baseline": name}, WEIGHT, about.task) for name in (RULE, about.against[0]))
+    compared = {"rule": rule, "profile": profile, "policy": load_policy(setup)}
+    return [{name: cost_of(controller, setup) for name, controller in compared.items()}]
 
 
 def chart(found: pl.DataFrame, costs: Mapping[str, float]) -> Figure:
@@ -108,26 +120,34 @@ def chart(found: pl.DataFrame, costs: Mapping[str, float]) -> Figure:
 def analyse(frames: Frames, _: bool) -> Findings:
     """Compare the algorithms at each time in MARKS and at the end."""
     frame = pl.concat([frames[algorithm] for algorithm in ALGORITHMS], how="diagonal_relaxed")
-    groups, cost = frame.group_by("algorithm", "mark", maintain_order=True), pl.col("cost")
+    groups, cost = frame.group_by("algorithm", "setup", "mark", maintain_order=True), pl.col("cost")
     found = groups.agg(pl.median("seconds"), median=cost.median(), low=cost.min(), high=cost.max(), count=pl.len())
+    found = found.join(frames["others"], "setup").with_columns(id=pl.col("setup").replace(SETUPS))
     columns = {"Algorithm": "{algorithm}", "at": "{mark}", "processor time (s)": "{seconds:.0f}",
                "cost (m/s)": "{median:.3f} [{low:.3f}, {high:.3f}]", "trainings": "{count}"}  # fmt: skip
-    table = Table.of("Median [least, largest] cost of the trainings at each mark and at the end", found, columns)
-    costs = dict(frames["others"].iter_rows())
-    best, least = found.filter(mark="end").sort("median").select("algorithm", "median").row(0)
-    answer = (f"{best.upper()} has the lowest median cost at the end of the training, {least:.3f} "
-              f"m/s; {', '.join(f'{words}: {value:.3f} m/s' for words, value in costs.items())}.")  # fmt: skip
-    picture = Picture("stock_agents", chart(found, costs), "cost of each algorithm over the training's processor time")
-    return Findings(answer, [Section("Trainings", [picture, table])])
+    here, ends = found.filter(setup=FIRST), found.filter(algorithm="ppo", mark="end")
+    table = Table.of("Median [least, largest] cost of the trainings at each mark and at the end", here, columns)
+    compared = {"paper's rule": "{rule:.3f}", "tuned profile": "{profile:.3f}", "shipped policy": "{policy:.3f}"}
+    columns = {"Environment": "{id}"} | {name: columns[name] for name in list(columns)[2:]} | compared
+    others = Table.of("PPO at the end of the training, beside other controllers: cost (m/s)", ends, columns)
+    best = here.filter(mark="end").sort("median").row(0, named=True)
+    costs = dict(zip(compared, (best["rule"], best["profile"], best["policy"]), strict=True))
+    answer = (f"{best['algorithm'].upper()} has the lowest median cost at the end of the training, "
+              f"{best['median']:.3f} m/s; {', '.join(f'{name}: {value:.3f} m/s' for name, value in costs.items())}."
+              )  # fmt: skip
+    picture = Picture("stock_agents", chart(here, costs), "cost of each algorithm over the training's processor time")
+    return Findings(answer, [Section("Trainings", [picture, table]), Section("Other environments", [others])])
 
 
-DEPENDS = ("impact_gym", "agents.evaluate", "agents.baselines", "agents.policies")
+DEPENDS = ("impact_gym", "agents.evaluate", "agents.baselines", "agents.policies", "agents.setups")
 STUDY = Study(
     "stock",
     "How good is a policy after 1, 3, 10 minutes of training with stable-baselines3?",
     (
         *(Measurement(each, partial(trainings, each), trained, DEPENDS) for each in ALGORITHMS),
-        Measurement("others", lambda *_: [Cell({}, {})], other_costs, DEPENDS),
+        Measurement(
+            "others", lambda *_: [Cell({"setup": name}, {"setup": name}) for name in SETUPS], other_costs, DEPENDS
+        ),
     ),
     analyse,
     packages=("torch", "stable-baselines3", "sb3-contrib"),
