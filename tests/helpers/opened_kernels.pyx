@@ -42,7 +42,7 @@ BLIND = 10.0, 1e-4  # longest and shortest blind step, scaled
 
 
 def step_once(plan, table, chain, double acceleration, bint flying, x, double h, str method, double tolerance):
-    """Try a step of `h` from the scaled state `x` of a piece that begins at `chain`; return its end, rates and errors.
+    """Try a step of `h` from the scaled state `x` of a piece that begins at `chain`; return its end, rates, errors and events.
 
     Args:
         plan, table, chain: one approach, its robot's table, and a row whose `units` are set if it is in contact.
@@ -57,6 +57,7 @@ def step_once(plan, table, chain, double acceleration, bint flying, x, double h,
     cdef Piece now
     cdef Law law
     cdef const Approach *given = <const Approach *> memory_of(plan)
+    cdef Events events
     cdef double error
     cdef int i, j
     law_to_kernel(&given.mount, &law)
@@ -68,7 +69,12 @@ def step_once(plan, table, chain, double acceleration, bint flying, x, double h,
     memcpy(work.x, memory_of(x), now.width * sizeof(double))
     rates(&now, work.x, work.rate)
     work.method = {"explicit": EXPLICIT, "stiff": STIFF, "series": SERIES}[method]
-    result = {}
+    memset(&events, 0, sizeof(events))
+    evaluate_events(&now, work.x, work.rate, &events)
+    result = {
+        "height": [events.height[i] for i in range(CLAMP, ROWS)],
+        "slope": [events.slope[i] for i in range(CLAMP, ROWS)],
+    }
     if now.analytic:
         expand(&now, &work)
         result["series"] = [[work.series[i][j] for j in range(now.width)] for i in range(ORDER + 1)]

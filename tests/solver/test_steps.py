@@ -19,7 +19,7 @@ COUPLINGS = {"rigid": ig.Rigid(), "spring": ig.SpringDamper(150.0, 0.4), "bistab
 ROBOTS = {"": None, " on a robot": ig.Robot(5, 1e5, 100), " on a table": TABLE}
 WIDTHS = {"rigid": 4, "spring": 7, "rigid on a robot": 7}  # of scaled states; of all others 10
 PRESSED = {"": 0, ", front stop": 1, ", rear stop": -1}
-EXPONENTS = {"Hertz": (1.5, 1.5), "2-1": (2.0, 1.0), "1-0": (1.0, 0.0), "2.2-1.1": (2.2, 1.1)}
+EXPONENTS = {"Hertz": (1.5, 1.5), "2-1": (2.0, 1.0), "1-0": (1.0, 0.0), "2.2-1.1": (2.2, 1.1), "1-3": (1.0, 3.0)}
 
 
 EVERY_PIECE = pytest.mark.parametrize("name", [  # with every stop pressed; without "flight" it has a closed form
@@ -176,6 +176,15 @@ def test_jacobian_is_that_of_the_rates(name, exponents):
         measured = np.array(columns).T
         assert step(x)["jacobian"] == pytest.approx(measured, rel=1e-5, abs=1e-7 * np.abs(measured).max())
         assert np.abs(measured).max() > 0.1
+
+
+@pytest.mark.parametrize("exponents", EXPONENTS.values(), ids=EXPONENTS)
+@EVERY_PIECE
+def test_slope_of_an_event_is_the_derivative_of_its_height(name, exponents):
+    step, x = stepper(name, ig.Contact(1e3, 0.5, "exact", *exponents)), state(name)
+    found, (before, after) = step(x), (step(x + h * step(x)["rate"])["height"] for h in (-1e-6, 1e-6))
+    assert found["slope"] == pytest.approx(np.subtract(after, before) / 2e-6, rel=1e-5, abs=1e-6)
+    assert np.abs(found["slope"]).max() > 0.01
 
 
 @pytest.mark.parametrize("acceleration", [-30.0, 3.0])
