@@ -55,7 +55,7 @@ def filled(markdown: str) -> str:
 
 
 def write() -> None:
-    """Write every page and every picture."""
+    """Update the generated parts of all pages, and write the pictures in docs/pictures."""
     for page in sorted(DOCS.rglob("*.md")):
         page.write_text(filled(page.read_text()))
     (DOCS / "pictures").mkdir(exist_ok=True)

@@ -10,8 +10,8 @@ from typing import Any, Literal, NamedTuple
 
 from impact_gym.validation import Range, interval, number
 
-HORIZON = 1.2  # s, default of the argument `horizon`
-AFTER_ALARM = 0.15  # s, default of the argument `after_alarm`
+HORIZON = 1.2  # s, default of the environment's argument `horizon`
+AFTER_ALARM = 0.15  # s, default of the environment's argument `after_alarm`
 PAST_READINGS = 3  # largest number of earlier readings of each sensor in an observation
 LARGEST_WEIGHT = 1e6  # m/s, largest cost of a second, of a newton or of a missed object, so that rewards stay finite
 

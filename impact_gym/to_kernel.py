@@ -76,7 +76,7 @@ def approach_to_kernel(
 
 
 def to_bytes(plan: tuple[Any, ...]) -> bytes:
-    """Return the fields of an APPROACH as bytes; a NumPy array would be slower."""
+    """Return the fields of an APPROACH as bytes, by `struct`, which is faster than a NumPy record."""
     (coupling_kind, robot_kind, tool_mass, coupling, robot, *table), contact, *rest = plan
     return _APPROACH.pack(coupling_kind, robot_kind, tool_mass, *coupling, *robot, *table, *contact, *rest)
 

@@ -49,7 +49,7 @@ class Evaluation:
     """Time weights, m/s per s, for the trade-off curve. Default weights outside the range of the training are left
     out."""
     typical: float = 2.0
-    """Time weight, m/s per s, for results at a single weight."""
+    """Time weight, m/s per s, of the results that a report shows for one weight only."""
     set: str = "test"
     """Evaluation set that the report plays. If the environment has its own `scenario` ranges, scenarios are drawn from
     these ranges instead."""

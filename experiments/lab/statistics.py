@@ -32,21 +32,21 @@ class Estimate:
 
 
 class Resamples:
-    """The sample, and n bootstrap resamples of its scenarios and seeds."""
+    """Weights of scenarios and seeds for means over a sample, and over bootstrap resamples of the sample."""
 
     def __init__(self, scenarios: int, resamples: int = RESAMPLES) -> None:
         self.scenarios, self.count = scenarios, resamples
         self._scenario_shares = _shares((0, 0), scenarios, resamples)
 
     def means(self, values: Floats) -> Floats:
-        """Return means (1 + n, ...) of `values`, (seeds, ..., scenarios) or (scenarios,); row 0: sample.
+        """Return means (1 + count, ...) of `values`, (seeds, ..., scenarios) or (scenarios,); row 0: the sample.
 
         Seeds are resampled independently of scenarios. Calls with the same number of seeds use the same resamples.
         """
         values = np.atleast_2d(values).astype(np.float64)
         seeds = len(values)
         shares = _shares((0, seeds), seeds, self.count)
-        flat = values.reshape(-1, self.scenarios) @ self._scenario_shares.T  # shape (seeds * ..., 1 + n)
+        flat = values.reshape(-1, self.scenarios) @ self._scenario_shares.T  # shape (seeds * ..., 1 + count)
         by_seed = flat.reshape(seeds, -1, self.count + 1)
         means = np.einsum("rs,skr->rk", shares, by_seed)
         return means.reshape(self.count + 1, *values.shape[1:-1])

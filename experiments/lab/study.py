@@ -68,7 +68,7 @@ class Findings:
 
 @dataclass(frozen=True)
 class Study:
-    """A question, measurements in order, and the analysis."""
+    """A question, the measurements in the order in which they run, and their analysis."""
 
     name: str
     question: str

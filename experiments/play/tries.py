@@ -161,7 +161,7 @@ class Live:
         return self.kept
 
     def finished(self) -> Try:
-        """Play to the end with a person's command of 0 m/s; return the try with its `result`."""
+        """Play what is left of the episode (a person commands 0 m/s); return the try with its `result`."""
         done = self.to_end()
         trace, info, *_ = replayed(done)
         motion = corners(trace)

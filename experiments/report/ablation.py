@@ -49,7 +49,7 @@ class Step:
     added: str
     contestant: str
     scenarios: int
-    later: float  # s, approach time for which `velocity` holds, minus the mean approach time of the paper's rule
+    later: float  # s, 0 if the front includes the rule's time; else the front's nearest end minus that time
     limit: str  # words from LIMITS
     velocity: Gain  # V_p at the mean approach time of the paper's rule, or at the nearest end of the front
     weight: float  # typical time weight w, m/s per s

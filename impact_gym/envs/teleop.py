@@ -17,15 +17,15 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     ## Operators and Channels
     `operator` is an object of a class in `impact_gym.operators`: `Replay`, `Person`, or one of the models `Trapezoid`,
     `Reach`, `SecondOrderLag`, `Tracker`. Or `operator` is a dict with the name of the class as "type". The docstrings
-    of the models name their sources. A model with a `place_error` assumes a distance that is too large by this error.
-    `uplink` (for commands) and `downlink` (for the operator's view) are `Channel` objects. Once per control period, at
-    a tick of the operator's clock, one packet is sent over each channel. Each packet has its own delay, and the
-    receiver uses the newest packet that has arrived. Two packets are sent between ticks: the operator's stop, and the
-    arm's report of the first touch. Every packet to the operator that was sent at the touch or later shows the touch.
-    `reaction` seconds after the first such packet has arrived, a model begins to command 0. A `Tracker` also reads the
-    position of the flange from the packets. For a `Person`, your code passes velocities to `command(velocity)` of the
-    unwrapped environment. Each tick sends the newest of these velocities. A `Replay` of the sent velocities repeats the
-    episode bit for bit.
+    of the models name their sources. A model with a `place_error` assumes that the object is at its true distance plus
+    this error. `uplink` (for commands) and `downlink` (for the operator's view) are `Channel` objects. Once per control
+    period, at a tick of the operator's clock, one packet is sent over each channel. Each packet has its own delay, and
+    the receiver uses the newest packet that has arrived. Two packets are sent between ticks: the operator's stop, and
+    the arm's report of the first touch. Every packet to the operator that was sent at the touch or later shows the
+    touch. `reaction` seconds after the first such packet has arrived, a model begins to command 0. A `Tracker` also
+    reads the position of the flange from the packets. For a `Person`, your code passes velocities to
+    `command(velocity)` of the unwrapped environment. Each tick sends the newest of these velocities. A `Replay` of the
+    sent velocities repeats the episode bit for bit.
 
     ## Action Space
     `Box(-1, 1, (3,), float32)`. Values outside the box are clipped. Let u be the operator's command. The flange goes to

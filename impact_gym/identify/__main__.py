@@ -144,7 +144,7 @@ def _record(name: str, table: Any, kind: type[Any], **inner: type[Any]) -> Any:
 
 def set_up(content: Mapping[str, Any], result: Identified, said: str) -> Iterator[str]:
     """Yield the lines of the set-up: `said` as comments, then the file's tables, with bounded intervals as ranges."""
-    import tomli_w  # only installed with the extra `identify`
+    import tomli_w  # installed with the extras `identify` and `train`
 
     yield from (f"# {line}" for line in said.splitlines())
     written = deepcopy({name: table for name, table in content.items() if name not in ("motion", "sensor")})

@@ -1,7 +1,7 @@
 """Draw the chain, seen by a fixed camera: flange, coupling, tool, gap and object.
 
 Positions and displacements are to scale. Simulated bodies have no size, so sizes are chosen here. The object is a ball
-of density DENSITY and a radius of at most LARGEST_RADIUS. A bistable mechanism is drawn with its simulated dimensions.
+of density DENSITY, but never larger than LARGEST_RADIUS. A bistable mechanism is drawn with its simulated dimensions.
 """
 
 import math

@@ -68,7 +68,7 @@ class Approach(Parameters):
         return RobotTable(*(tuple(map(float, column)) for column in columns))
 
     def at(self, position: float, mass: Mass | None = None) -> Robot:
-        """Return the robot with constant parameters: those at `position` (m) of the line."""
+        """Return a robot with constant parameters, those at `position` (m) along the line."""
         return self.robot_table(mass).at(position)
 
 

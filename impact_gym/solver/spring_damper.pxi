@@ -112,7 +112,7 @@ cdef double inflection_time(const Glide *glide, double after, const Gap *gap) no
     if slope == 0.0:
         return INFINITY
     ratio = -p / slope
-    if ratio * w <= 1e-9:  # the only zero is in the past, or at `after` itself
+    if ratio * w <= 1e-9:  # no zero, or only one in the past or at `after` itself
         return INFINITY
     if square == 0.0:
         return after + ratio

@@ -57,7 +57,7 @@ class ObservationSpec:
 
     @classmethod
     def of_rows(cls, tasks: Sequence[Task]) -> "ObservationSpec":
-        """Return the specification of a batch; with `privileged`, each task observes the drawn numbers of all tasks."""
+        """Return the specification of a batch. With `privileged`, tasks observe every number that any task draws."""
         drawn = {name for task in tasks for name in task.drawn}
         common = cls(tasks[0], drawn)
         for row, task in enumerate(tasks):

@@ -113,7 +113,7 @@ cdef struct Link:  # operator, channels and assistance of a row
     int64_t packets, oldest, arrived, ticks
     int64_t display_packets, seen_packet  # number of packets sent to the display; index of the newest `Packet` seen
     int64_t expired, stopped  # 0 or 1: `command` has expired; the operator has stopped
-    int64_t uplink_lost, downlink_lost  # 0 or 1: the last packet on the channel was lost
+    int64_t uplink_lost, downlink_lost  # 0 or 1: `loss` took the channel's last packet
 
 
 cdef struct RangeReading:  # of the range sensor, in transit to the controller

@@ -152,7 +152,7 @@ class Task:
         return values | {f"{name}.{part}": value for name, its in parts.items() for part, value in its.items()}
 
     def changed(self, by_path: Mapping[str, Any]) -> "Task":
-        """Return a copy of the task with the values in `by_path`: arguments, or parts of arguments, by dotted path."""
+        """Return a copy of the task with other arguments, or parts of them, by path, such as "coupling.stiffness"."""
         arguments = self.arguments()
         for name, value in grouped(by_path).items():
             if name not in by_path:  # `by_path` has parts of this argument
@@ -245,7 +245,7 @@ class Task:
         return self.changed({name: float(record[name]) for name in self.drawn}) if self.drawn else self
 
     def to_kernel(self, first_draw: int, table_at: int) -> tuple[Any, list[tuple[Any, ...]], Any]:
-        """Return an array (1,) of TASK, the fields of DRAW for each draw, and the numbers (n,) of the task's tables.
+        """Return a record (1,) of type TASK, a tuple (the fields of `kernels.DRAW`) for each draw, and the tables (n,).
 
         `first_draw`: index of this task's first draw among the draws of all tasks. `table_at`: index of the first
         number of this task's tables among the numbers of all tables.

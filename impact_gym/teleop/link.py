@@ -44,7 +44,7 @@ class Link(NamedTuple):
                 allowed = f"within velocity_range, {low:g} to {high:g} m/s"
                 raise ValueError(f"Replay.velocity must be {allowed}, got {velocity:g} m/s")
         if 0.0 < (length := getattr(self.operator, "length", 0.0)) < horizon:
-            raise ValueError(f"Replay.length must be at least the horizon, {horizon:g} s, got {length!r} s")
+            raise ValueError(f"Replay.length must be 0 or at least the horizon, {horizon:g} s, got {length!r} s")
         first = self.ends("operator", "recording")[0]
         if isinstance(self.operator, Replay) and length and first == math.ceil(self.operator.time[-1] / length):
             raise ValueError(f"Replay.recording must be below {first:g}, the number of recordings, got {first:g}")

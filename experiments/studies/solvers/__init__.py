@@ -1,1 +1,1 @@
-"""Approaches, and solvers that compute them, for the studies `speed` and `stability`."""
+"""Approaches (a scene and a motion), and the solvers that simulate them, for the studies `speed` and `stability`."""

@@ -54,7 +54,7 @@ def true_row(approach: str) -> list[Row]:
 
 @contextmanager
 def limited(seconds: float) -> Iterator[None]:
-    """Raise TimeoutError when this process has used `seconds` of processor time."""
+    """Raise TimeoutError when the block has used `seconds` of processor time."""
 
     def late(*_: Any) -> None:
         raise TimeoutError
