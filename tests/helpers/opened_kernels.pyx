@@ -94,6 +94,12 @@ def step_once(plan, table, chain, double acceleration, bint flying, x, double h,
     return {name: np.array(value) for name, value in result.items()}
 
 
+def cubic_maximum(double start, double start_slope, double end, double end_slope):
+    """Place and height of the maximum in (0, 1) of a cubic with these values and slopes at 0 and 1."""
+    cdef double place = extremum(start, start_slope, end, end_slope)
+    return place, on_cubic(place, start, start_slope, end, end_slope)
+
+
 def inverse_of(matrix):
     """Return the inverse of a square matrix of at most WIDTH rows."""
     cdef double[WIDTH][WIDTH] inside
