@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agents.baselines.rule import CONTROL_PERIOD, Floats, Parameter, Rule, View, interpolate
+from agents.baselines.rule import Floats, Parameter, Rule, View, interpolate
 from impact_gym.quantities import AFTER_ALARM
 from impact_gym.task.task import ACCELERATION_RANGE, VELOCITY_RANGE
 
@@ -40,8 +40,12 @@ class ReactingRule(Rule):
     def approach(self, view: View) -> tuple[ArrayLike, ArrayLike]:
         """Return the profile's velocity (m/s) at the end of the control period, and the acceleration (m/s^2)."""
         most = self[ACCELERATION.name] if ACCELERATION in self.PARAMETERS else ACCELERATION_RANGE[1]
+        speed, velocity, period = self.profile(view), view["velocity"], self.task.control_period
         position = view[self.OVER] if self.OVER == "position" else -view[self.OVER]
-        return follow(self.profile(view), position, view["velocity"], most, self.task.control_period)
+        reach = np.asarray(most) * period
+        ahead = np.clip(speed(position + velocity * period), velocity - reach, velocity + reach)
+        target = speed(position + 0.5 * (velocity + ahead) * period)
+        return target, np.clip(np.abs(target - velocity) / period, ACCELERATION_RANGE[0], most)
 
     def profile(self, view: View) -> Callable[[Floats], Floats]:
         """Return the profile for `view`: a function from position (m) to speed (m/s)."""
@@ -50,18 +54,6 @@ class ReactingRule(Rule):
     def speed(self, position: Floats) -> Floats:
         """Return the profile's speed (m/s) at `position` (m)."""
         raise NotImplementedError
-
-
-def follow(
-    speed: Callable[[Floats], Floats], position: Floats, velocity: Floats,
-    acceleration: ArrayLike = ACCELERATION_RANGE[1], period: float = CONTROL_PERIOD,
-) -> tuple[Floats, Floats]:  # fmt: skip
-    """Return `speed` at the end of a `period` (s), and the acceleration to that speed (1 to `acceleration`, m/s^2)."""
-    ahead = speed(position + velocity * period)
-    reach = np.asarray(acceleration) * period
-    ahead = np.clip(ahead, velocity - reach, velocity + reach)
-    target = speed(position + 0.5 * (velocity + ahead) * period)
-    return target, np.clip(np.abs(target - velocity) / period, ACCELERATION_RANGE[0], acceleration)
 
 
 KNOTS: Floats = np.array([0.08, 0.12, 0.15, 0.17, 0.19, 0.22, 0.25, 0.28, 0.315, 0.35])

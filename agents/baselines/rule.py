@@ -12,7 +12,6 @@ from impact_gym.validation import WrongTypeError, number
 
 Floats = NDArray[np.float64]
 
-CONTROL_PERIOD: float = Task.control_period  # s
 DISTANCES = ScenarioRanges().distance
 """Default range of the objects' distances, m. Positions in parameters are for this range, see `Rule.placed`."""
 LEAST_STRETCH = 0.01  # m, smallest near end and smallest width of a range of distances in `Rule.placed`

@@ -20,8 +20,6 @@ from impact_gym.files import write_file
 
 STEPS = "time/total_timesteps"
 OBJECTIVES = ("object_velocity", "approach_time", "peak_force", "missed")
-OnValidation = Callable[[int, dict[str, Any]], None]
-"""Function that each validation calls with the number of steps so far and the result."""
 ROWS = 200  # approximate largest number of rows of progress.csv
 NEARLY_ALL = 0.99  # fraction of the objects; a policy that misses this fraction touches objects only by accident
 COLLAPSED = 3  # a training ends after this many successive validations that missed nearly all objects
@@ -35,14 +33,10 @@ class CollapsedError(RuntimeError):
 class TrainingCallback(BaseCallback):
     """Callback of stable-baselines3."""
 
-    def __init__(
-        self, folder: Path, setup: Setup, training: Training, policy: Callable[[], Policy],
-        on_validation: OnValidation | None = None,
-    ) -> None:  # fmt: skip
+    def __init__(self, folder: Path, setup: Setup, training: Training, policy: Callable[[], Policy]) -> None:
         """Make a callback that writes into `folder`; `policy` returns a copy of the model's policy."""
         super().__init__()
-        self._folder, self._setup, self._training = folder, setup, training
-        self._policy, self._on_validation = policy, on_validation
+        self._folder, self._setup, self._training, self._policy = folder, setup, training, policy
         self.validation = Validation(
             setup.task, setup.evaluation.weights, training.validation_scenarios, threads=training.simulation_threads
         )
@@ -107,8 +101,6 @@ class TrainingCallback(BaseCallback):
         if result["score"] < self.kept["best"]:
             self.kept["best"] = result["score"]
             policy.save(self._folder / "best.npz")
-        if self._on_validation:
-            self._on_validation(steps, result)
         again = np.mean(result["missed"]) >= NEARLY_ALL and steps > BEGINNING * self._training.whole_steps
         self.kept["collapsed"] = self.kept["collapsed"] + 1 if again else 0
         self._refuse_collapse()

@@ -33,7 +33,7 @@ from agents.setups.feasible import warnings
 from agents.setups.keys import within
 from agents.setups.training import SLOTS
 from agents.train import checkpoint
-from agents.train.callback import OnValidation, TrainingCallback
+from agents.train.callback import TrainingCallback
 from agents.train.imitation import PPOWithImitation, Teacher
 from agents.train.networks import ACTIVATIONS, AsymmetricPolicy, Standardised, standardisation
 from impact_gym.files import locked, write_file, writing
@@ -179,8 +179,8 @@ def policy_from(model: PPO, run: Run, provenance: Mapping[str, Any]) -> Policy:
     return Policy(Network(tuple(hidden), mean, noise, run.training.activation), run.task, provenance)
 
 
-def train(run: Run, out: Path | None = None, on_validation: OnValidation | None = None) -> Path:
-    """Train, write the run folder, and return its path; each validation calls `on_validation`."""
+def train(run: Run, out: Path | None = None) -> Path:
+    """Train, write the run folder, and return its path."""
     with within(run.setup.called):
         for sentence in warnings(run.task):
             print(f"warning: {sentence}")
@@ -189,10 +189,10 @@ def train(run: Run, out: Path | None = None, on_validation: OnValidation | None 
     folder.mkdir(parents=True)
     record = {"command": run.command, **run.made_for(), **revision(), **circumstances(*PACKAGES)}
     write_file(folder / "config.json", json.dumps(record, indent=2) + "\n")
-    return resume(folder, on_validation)
+    return resume(folder)
 
 
-def resume(folder: Path, on_validation: OnValidation | None = None) -> Path:
+def resume(folder: Path) -> Path:
     """Begin the run in `folder`, or continue an unfinished run from its last checkpoint; return `folder`."""
     try:
         record = json.loads((folder / "config.json").read_text())
@@ -203,11 +203,11 @@ def resume(folder: Path, on_validation: OnValidation | None = None) -> Path:
         raise ValueError(f"{folder} holds no run that this version can resume: {error}") from error
     with writing(f"the run in {folder}"), locked(folder / "lock", wait=False):
         if not (folder / "metrics.json").is_file():
-            _learn(folder, run, record, on_validation)
+            _learn(folder, run, record)
     return folder
 
 
-def _learn(folder: Path, run: Run, record: dict[str, Any], on_validation: OnValidation | None) -> None:
+def _learn(folder: Path, run: Run, record: dict[str, Any]) -> None:
     training = run.training
     torch.set_num_threads(training.threads)
     torch.distributions.Distribution.set_default_validate_args(False)  # these checks are slow
@@ -215,7 +215,7 @@ def _learn(folder: Path, run: Run, record: dict[str, Any], on_validation: OnVali
     model = make_model(run, environments)
     environments.seed(FIRST_SEED + run.seed * SLOTS)
     policy = partial(policy_from, model, run, record)
-    callback = TrainingCallback(folder, run.setup, training, policy, on_validation)
+    callback = TrainingCallback(folder, run.setup, training, policy)
     model.set_logger(Logger(None, []))
     saved = folder / "checkpoint.npz"
     if saved.is_file():

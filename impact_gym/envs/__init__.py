@@ -21,16 +21,12 @@ APPROACH, TELEOP, BATCH = "single:ImpactApproachEnv", "teleop:ImpactTeleopEnv", 
 OBJECTIVES = "objectives:MOImpactApproachEnv", "objectives:MOImpactApproachVectorEnv"
 
 
-def of_objectives(name: str) -> str:
-    """Return the id of `name` with a vector reward: "mo-impact-approach-v0" for "ImpactApproach-v0"."""
-    return "mo" + re.sub("[A-Z]", lambda capital: f"-{capital[0].lower()}", name)
-
-
 def register() -> None:
     """Register the environments with Gymnasium; do nothing if they are registered already."""
     for name, arguments in IDS.items():
         single = TELEOP if "operator" in arguments else APPROACH
-        for each, (entry, batch) in {name: (single, BATCH), of_objectives(name): OBJECTIVES}.items():
+        with_vectors = "mo" + re.sub("([A-Z])", r"-\1", name).lower()  # "mo-impact-approach-v0"
+        for each, (entry, batch) in {name: (single, BATCH), with_vectors: OBJECTIVES}.items():
             if each not in gym.registry:
                 gym.register(
                     each,

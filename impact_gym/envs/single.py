@@ -5,14 +5,13 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium import Space, spaces
+from gymnasium import spaces
 from numpy.typing import NDArray
 
 from impact_gym.envs.arguments import documented
 from impact_gym.envs.batch import Batch
 from impact_gym.outcome import Trace
 from impact_gym.task.episodes import EpisodeState, reset_options
-from impact_gym.task.observation import ObservationSpec
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.task import Task
 from impact_gym.validation import WrongTypeError, choice, flag, whole
@@ -23,11 +22,6 @@ if TYPE_CHECKING:
 TRACE_POINTS = 1 << 15
 _ROW = np.zeros(1, np.int64)
 _NO_SKIP = np.zeros(1, np.bool_)
-
-
-def observation_space(spec: ObservationSpec) -> Space[Any]:
-    """Return the observation space of one environment."""
-    return spaces.Box(spec.scaled_low, np.ones_like(spec.scaled_low), dtype=np.float32)
 
 
 def steps_per_second(task: Task) -> int:
@@ -190,7 +184,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if render_mode == "rgb_array":
             self.metadata = {**self.metadata, "render_fps": steps_per_second(self.task)}
         self.observation_spec, self.action_spec = self._batch.spec, self._batch.action_spec
-        self.observation_space = observation_space(self.observation_spec)
+        self.observation_space = spaces.Box(self.observation_spec.scaled_low, 1.0, dtype=np.float32)
         self.action_space = spaces.Box(-1.0, 1.0, (len(self.action_spec),), np.float32)
         self._running = False
 

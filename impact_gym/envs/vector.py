@@ -13,7 +13,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from impact_gym.envs.batch import Batch
-from impact_gym.envs.single import TRACE_POINTS, ImpactApproachEnv, observation_space, steps_per_second
+from impact_gym.envs.single import TRACE_POINTS, ImpactApproachEnv, steps_per_second
 from impact_gym.task.episodes import reset_options
 from impact_gym.task.task import Task
 from impact_gym.validation import array, choice, one_of, whole
@@ -73,7 +73,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         self.set_scenario, self.sensors, self.command = batch.set_scenario, batch.sensors, batch.set_operator_velocity
         self.metadata["render_fps"] = steps_per_second(tasks[0])
         self.observation_spec, self.action_spec = self.batch.spec, self.batch.action_spec
-        self.single_observation_space = observation_space(self.observation_spec)
+        self.single_observation_space = Box(self.observation_spec.scaled_low, 1.0, dtype=np.float32)
         self.single_action_space = Box(-1.0, 1.0, (len(self.action_spec),), np.float32)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)

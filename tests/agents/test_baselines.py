@@ -21,7 +21,6 @@ from agents.export.contract import of_name
 from agents.setups import owner, shipped_baselines
 from agents.tune import CLEAN_ALARM
 from impact_gym.envs.batch import Batch
-from impact_gym.envs.single import observation_space
 from impact_gym.task import ObservationSpec, Task
 
 RULES = [*tuned.RULES.values(), Clairvoyant]
@@ -37,8 +36,7 @@ def drawn(rule, rows, seed=0):
 def observations(environment, rows=200):
     """Return observations drawn uniformly; in every second row the alarm is on."""
     spec = ObservationSpec(Task(**environment))
-    box = observation_space(spec)
-    seen = np.random.default_rng(1).uniform(box.low, box.high, (rows, len(spec))).astype(np.float32)
+    seen = np.random.default_rng(1).uniform(spec.scaled_low, 1.0, (rows, len(spec))).astype(np.float32)
     seen[:, spec.index("alarm")] = np.arange(rows) % 2
     return seen, spec
 

@@ -6,7 +6,6 @@ import numpy as np
 
 from agents import Policy
 from agents.policies.networks import Affine, Network
-from impact_gym.envs.single import observation_space
 from impact_gym.task import ActionSpec, ObservationSpec, Task
 
 
@@ -35,5 +34,4 @@ KINDS = {
 
 def observations(policy, count=5000, seed=1):
     """Return observations drawn uniformly from the policy's observation space."""
-    box = observation_space(policy.spec)
-    return np.random.default_rng(seed).uniform(box.low, box.high, (count, policy.inputs)).astype(np.float32)
+    return np.random.default_rng(seed).uniform(policy.spec.scaled_low, 1.0, (count, policy.inputs)).astype(np.float32)

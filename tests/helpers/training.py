@@ -9,6 +9,7 @@ import pytest
 from agents import load_policy, load_setup
 from agents.policies.networks import to_arrays
 from agents.setups import Training
+from agents.train.callback import TrainingCallback
 from agents.train.ppo import Run, train
 
 TINY = Training(
@@ -24,13 +25,18 @@ def tiny(setup="linear-blind", seed=0, **changes):
 
 def interrupted(run, out, after=0):
     """Train until the first validation that follows a checkpoint and some steps, and return the folder."""
+    validate = TrainingCallback.validate
 
-    def interrupt(steps, _):
-        if steps >= after and (out / "checkpoint.npz").is_file():
+    def interrupt(callback):
+        policy = validate(callback)
+        if callback.num_timesteps >= after and (out / "checkpoint.npz").is_file():
             raise KeyboardInterrupt
+        return policy
 
-    with pytest.raises(KeyboardInterrupt):
-        train(run, out, interrupt)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(TrainingCallback, "validate", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            train(run, out)
     assert not (out / "metrics.json").exists()
     return out
 
