@@ -245,12 +245,10 @@ def search_bounds(
     return [tuned.bound_path(setup, options.folder(setup)) for setup in setups]
 
 
-def search_bound(
-    environment: Mapping[str, Any], time_weight: float, scenarios: int, generations: int,
-    population: int = BOUND_POPULATION,
-) -> Floats:  # fmt: skip
+def search_bound(environment: Mapping[str, Any], time_weight: float, scenarios: int, generations: int) -> Floats:
     """Return the parameters (scenarios, k) of the best `Clairvoyant` of each scenario at a time weight (m/s per s)."""
-    task, weights = Task(**{"rtol": BOUND_RTOL, **environment, "privileged": True}), [time_weight] * population
+    task, population = Task(**{"rtol": BOUND_RTOL, **environment, "privileged": True}), BOUND_POPULATION
+    weights = [time_weight] * population
     batch = ScenarioBatch.of(tuned.BOUND_SET, scenarios, task, copies=population, time_weight=weights, threads=1)
 
     def losses(candidates: Floats) -> Floats:

@@ -39,7 +39,6 @@ NUMBERS = {
     for sign in ".,"
 }
 COMMENTS = ("#", "%", "//")
-COMMENT_LINE = re.compile(r"^[ \t]*(#|%|//).*", re.MULTILINE)
 FIRST_LINES, FIRST_CHARACTERS = 500, 100_000  # of a file's beginning, which determines its layout
 
 
@@ -214,7 +213,7 @@ def _names(
                 units = heads
                 break
         else:
-            between += [k] if line and not COMMENT_LINE.match(lines[k]) else []
+            between += [k] if line and not lines[k].lstrip().startswith(COMMENTS) else []
     return [], units, between
 
 

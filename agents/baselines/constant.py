@@ -50,7 +50,7 @@ class LocalBrake(ConstantSpeed):
     """Follow the operator's command; while the alarm is on, brake to rest at the arm's largest deceleration."""
 
     def __init__(self) -> None:
-        super().__init__(VELOCITY_RANGE[1], *ACCELERATION_RANGE[1:], ACCELERATION_RANGE[1])
+        super().__init__(VELOCITY_RANGE[1], ACCELERATION_RANGE[1])
 
 
 class OperatorAlone(Rule):

@@ -14,7 +14,6 @@ import base64
 import importlib
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
 from functools import lru_cache
 from typing import Any
 
@@ -69,7 +68,7 @@ def environment_and_scenarios(
 
 def pairs(ranges: Any) -> dict[str, list[float]]:
     """Return ranges of scenarios (a mapping or a name) as plain data: [low, high] by field."""
-    return {name: list(pair) for name, pair in asdict(ScenarioRanges.of(ranges)).items()}
+    return {name: list(pair) for name, pair in ScenarioRanges.of(ranges).by_id().items()}
 
 
 def scenario_batch_of(scenarios: Mapping[str, Any], weight: float, task: Task, lenient: bool = False) -> ScenarioBatch:

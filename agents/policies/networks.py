@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_gym.validation import choice
+
 Floats = NDArray[np.float32]
 BLOCKS = (16, 8, 4, 2, 1)  # block sizes, in rows, that `Network.block` tries in this order
 CHUNK = 512  # number of rows that `Network.read` computes together, few enough for the processor's cache
@@ -58,8 +60,7 @@ class Network:
     activation: str = "tanh"
 
     def __post_init__(self) -> None:
-        if self.activation not in ACTIVATIONS:
-            raise ValueError(f"activation must be one of {sorted(ACTIVATIONS)}, got {self.activation!r}")
+        choice("activation", self.activation, sorted(ACTIVATIONS))
         if self.log_std.weight.shape != self.mean.weight.shape:
             shapes = self.log_std.weight.shape, self.mean.weight.shape
             raise ValueError(f"log_std {shapes[0]} must have the shape of mean {shapes[1]}")

@@ -7,7 +7,7 @@ from typing import Any, Literal, Self, get_args
 
 from agents.setups.keys import known
 from impact_gym.quantities import QUANTITIES
-from impact_gym.validation import Range, fits_memory, flag, number, whole
+from impact_gym.validation import Range, choice, fits_memory, flag, number, whole
 
 Activation = Literal["tanh", "relu"]
 SLOTS = 100_000
@@ -98,8 +98,7 @@ class Training:
         for name, count in ((largest, 2 * 4 * weights), ("rollout", FEWEST * self.round)):
             fits_memory(name, getattr(self, name), 4 * count // getattr(self, name))
         flag("informed_critic", self.informed_critic)
-        if self.activation not in get_args(Activation):
-            raise ValueError(f"activation must be {' or '.join(get_args(Activation))}, got {self.activation!r}")
+        choice("activation", self.activation, get_args(Activation))
         if not isinstance(self.teacher, str):
             raise ValueError(f"teacher must be the name of a baseline, got {self.teacher!r}")
         if self.teacher and self.steps < self.imitation_steps:

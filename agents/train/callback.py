@@ -107,7 +107,6 @@ class TrainingCallback(BaseCallback):
         return policy
 
     def _refuse_collapse(self) -> None:
-        """Raise CollapsedError with a remedy if the training collapsed."""
         reason = f"at least {NEARLY_ALL:.0%} of the objects missed in {COLLAPSED} successive validations"
         if not torch.nn.utils.parameters_to_vector(self.model.policy.parameters()).isfinite().all():
             reason = "the weights are no longer finite"

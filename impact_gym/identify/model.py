@@ -113,7 +113,7 @@ class Model:
         free: Sequence[Coordinate],
     ) -> None:  # fmt: skip
         self.logs, self.scene, self.motions, self.sensors, self.free = logs, scene, motions, sensors, free
-        self.simulations, self.samples, self.size = 0, 0, len(free) + len(logs)
+        self.samples, self.size = 0, len(free) + len(logs)
         self.slots, self.bias_places = dict[Column, slice](), dict[Column, int]()  # sample slices; bias indices in x
         for k, log in enumerate(logs):
             for name in log.columns:
@@ -149,7 +149,6 @@ class Model:
 
     def trace(self, scene: Scene, k: int, duration: float) -> Trace:
         """Simulate `scene` with the motion of log k."""
-        self.simulations += 1
         trace = simulate(scene, self.motions[k], duration, RTOL, trace=True).trace
         assert trace is not None
         return trace

@@ -104,7 +104,6 @@ class Renderer:
 
 
 def _head(canvas: Canvas, history: History, state: State, factor: float) -> None:
-    """Write the upper lines."""
     over = history.ended and state.time >= history.now
     canvas.text(verdict(history) if over else f"object {state.object_velocity:.2f} m/s", (14.0, 34.0), 58)
     pace = f"{round(factor, 1):g} x slower" if factor > 1.0 else f"{1.0 / factor:.2g} x faster"
@@ -143,7 +142,6 @@ def alarm(history: History, time: float) -> tuple[str, str]:
 
 
 def _foot(canvas: Canvas, history: History, state: State) -> None:
-    """Write the lower line."""
     info, scenario, task = history.info, history.info["scenario"], history.task
     if history.ended and state.time >= history.now:
         words = f"return {sum(info['reward_terms'].values()):.2f}"

@@ -34,7 +34,6 @@ class ActionSpec:
         withdrawal = Action("withdrawal", "m/s", 0.0, FASTEST_WITHDRAWAL, "withdrawal after an alarm", 0.0)
         alone = task.operator is None
         self.entries = (velocity, acceleration) if alone else (gain, acceleration, withdrawal)
-        self.ids = tuple(entry.id for entry in self.entries)
         self._low, self._high = np.array([(entry.low, entry.high) for entry in self.entries]).T
 
     def __len__(self) -> int:
