@@ -23,7 +23,6 @@ from agents.setups import load_setup
 from experiments.lab.charts import OTHERS, SERIES
 from experiments.lab.parts import Picture, Section, Table
 from experiments.lab.study import Cell, Findings, Frames, Measurement, Row, Study
-from experiments.report.matchups import RULE
 
 ALGORITHMS = {  # class, and number of trainings
     "ppo": ("stable_baselines3:PPO", 5), "sac": ("stable_baselines3:SAC", 5), "td3": ("stable_baselines3:TD3", 2),
@@ -96,7 +95,9 @@ def trained(algorithm: str, setup: str, seed: int, settings: dict[str, Any]) -> 
 def other_costs(setup: str) -> list[Row]:
     """Return the costs of the paper's rule, the tuned profile and the shipped policy in a set-up."""
     about = load_setup(setup)
-    rule, profile = (controller_of({"baseline": name}, WEIGHT, about.task) for name in (RULE, about.against[0]))
+    rule, profile = (
+        controller_of({"baseline": name}, WEIGHT, about.task) for name in ("paper-trapezoid", about.against[0])
+    )
     compared = {"rule": rule, "profile": profile, "policy": load_policy(setup)}
     return [{name: cost_of(controller, setup) for name, controller in compared.items()}]
 
