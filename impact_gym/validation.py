@@ -170,12 +170,12 @@ def rising(field: str, time: Sequence[float], columns: Mapping[str, Sequence[flo
 
 def interval(field: str, value: Any, unit: str, **limits: float) -> Range:
     """Return `value`, a number or a pair (low, high), as a pair, or raise TypeError or ValueError."""
-    unit, wanted = unit_text(unit), unit_text(unit, "in ")
+    unit = unit_text(unit)
     if not (isinstance(value, (tuple, list)) or getattr(value, "ndim", 0) > 0):
         single = number(field, value, unit, **limits)
         return single, single
     if len(value) != 2:
-        raise ValueError(f"{field} must be a number or a pair (low, high) {wanted}, got {shown(value)}")
+        raise ValueError(f"{field} must be a number or a pair (low, high) {unit_text(unit, 'in ')}, got {shown(value)}")
     low, high = (number(f"{field}[{place}]", end, unit, **limits) for place, end in enumerate(value))
     if low > high:
         raise ValueError(f"{field} must not be inverted: low {low:g} is above high {high:g} {unit}")

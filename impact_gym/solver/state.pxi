@@ -102,7 +102,7 @@ cdef struct Chain:  # state of motion of chain and object, and results so far
     double first_contact  # s, start of the first contact; inf: none yet
     double detection  # s, when the contact force first exceeded `Run.threshold`; inf if not yet
     double peak_force  # N, largest force of all contacts
-    double peak_object_velocity  # m/s, with friction: largest so far; without: final value after `approach`, 0 in episodes
+    double peak_object_velocity  # m/s, with friction: largest so far; else: final value after `approach`, 0 in episodes
     double object_rest_time  # s, when the object last came to rest; 0: never
     double tool_rest_time  # s, since when the tool counts as at rest; inf: not at rest, or no friction
     double slide  # m, with friction: displacement of the object from start to rest, if no contact follows

@@ -42,7 +42,7 @@ BLIND = 10.0, 1e-4  # longest and shortest blind step, scaled
 
 
 def step_once(plan, table, chain, double acceleration, bint flying, x, double h, str method, double tolerance):
-    """Try a step of `h` from the scaled state `x` of a piece that begins at `chain`; return its end, rates, errors and events.
+    """Try a step of `h` from the scaled state `x` of a piece that begins at `chain`; return a dict of arrays.
 
     Args:
         plan, table, chain: one approach, its robot's table, and a row whose `units` are set if it is in contact.

@@ -28,8 +28,9 @@ ALGORITHMS = {  # class, and number of trainings
     "ppo": ("stable_baselines3:PPO", 5), "sac": ("stable_baselines3:SAC", 5), "td3": ("stable_baselines3:TD3", 2),
     "tqc": ("sb3_contrib:TQC", 5), "crossq": ("sb3_contrib:CrossQ", 2),
 }  # fmt: skip
-FIRST, *_ = SETUPS = {  # set-ups with the arguments of these ids
-    "linear-blind": "ImpactApproach-v0", "rigid-blind": "ImpactApproachRigid-v0",
+FIRST = "linear-blind"
+SETUPS = {  # set-ups with the arguments of these ids
+    FIRST: "ImpactApproach-v0", "rigid-blind": "ImpactApproachRigid-v0",
     "bistable-paper": "ImpactApproachBistable-v0", "linear-ranged": "ImpactApproachRanged-v0",
 }  # fmt: skip
 MARKS = (10, 20, 30, 60, 120, 180, 300, 600)  # s of processor time, without the time of the evaluations
@@ -95,10 +96,9 @@ def trained(algorithm: str, setup: str, seed: int, settings: dict[str, Any]) -> 
 def other_costs(setup: str) -> list[Row]:
     """Return the costs of the paper's rule, the tuned profile and the shipped policy in a set-up."""
     about = load_setup(setup)
-    rule, profile = (
-        controller_of({"baseline": name}, WEIGHT, about.task) for name in ("paper-trapezoid", about.against[0])
-    )
-    compared = {"rule": rule, "profile": profile, "policy": load_policy(setup)}
+    names = {"rule": "paper-trapezoid", "profile": about.against[0]}
+    compared = {name: controller_of({"baseline": baseline}, WEIGHT, about.task) for name, baseline in names.items()}
+    compared["policy"] = load_policy(setup)
     return [{name: cost_of(controller, setup) for name, controller in compared.items()}]
 
 
