@@ -7,7 +7,7 @@ const BEAT = 60, LEAST = 6;  // ms, longest and shortest time between two messag
 const AHEAD_OF_EYES = 12;  // ms, assumed time between drawing a picture and its appearance on the screen
 const page = {
   hello: null, socket: null, stage: null, frame: null, came: 0, running: false, asked: false, player: false,
-  tries: [], sent: NaN, sentAt: 0, overAt: 0, round: 0, played: null, playedRound: 0, film: 0,
+  tries: [], sent: NaN, sentAt: 0, overAt: -Infinity, round: 0, played: null, playedRound: 0, film: 0,
 };
 const set_up = {};  // chosen settings, by name
 
