@@ -93,11 +93,6 @@ class Rule:
             twin.weights = ()
         return twin
 
-    def for_environment(self, arguments: Mapping[str, Any]) -> Self:
-        """Return the same rule for an environment of `gym.make` with these arguments, such as `env.spec.kwargs`."""
-        apart = ("render_mode", "record_trace")  # arguments that do not change the task
-        return self.for_task(Task(**{name: value for name, value in arguments.items() if name not in apart}))
-
     def for_task(self, task: Task) -> Self:
         """Return the same rule for a task; ValueError: the task's observation lacks a number that the rule needs."""
         kind: Any = type(self)

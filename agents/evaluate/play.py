@@ -84,7 +84,7 @@ def frozen_of(scenarios: Mapping[str, Any]) -> EvaluationSet | None:
     """Return scenarios as an evaluation set; None: the scenarios are drawn from ranges."""
     if "table" in scenarios:
         table = {name: np.asarray(scenarios["table"][name], np.float64) for name in FIELDS}
-        return EvaluationSet(scenarios["seed"], table)
+        return EvaluationSet(scenarios["seed"], len(table[FIELDS[0]]), table)
     return _shipped(scenarios["set"]) if "set" in scenarios else None
 
 

@@ -44,13 +44,9 @@ class Episodes:
     touch_time: NDArray[np.float64] | None = None  # s, time of the first contact, else the horizon; None: no operator
     late: NDArray[np.float64] | None = None  # s, mean time from a touch until the operator's stop reaches the arm
 
-    def cost(self, time_weight: float | NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return V_p + time_weight * approach time, m/s, for each row."""
-        return self.object_velocity + time_weight * self.approach_time
-
     def loss(self, time_weight: float | NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the cost plus the charge for a missed object, m/s, for each row."""
-        return self.cost(time_weight) + self.missed_cost * self.missed
+        """Return V_p + time_weight * approach time, plus the charge for a missed object, m/s, for each row."""
+        return self.object_velocity + time_weight * self.approach_time + self.missed_cost * self.missed
 
 
 class ScenarioBatch:
@@ -74,11 +70,11 @@ class ScenarioBatch:
             lenient: raise no error for a scenario whose status is not "ok", but count it as missed.
             max_steps: number of integration steps after which the solver gives up a scenario.
         """
-        frozen = scenarios if isinstance(scenarios, EvaluationSet) else EvaluationSet(scenarios, {})
+        frozen = scenarios if isinstance(scenarios, EvaluationSet) else EvaluationSet(scenarios, count, {})
         self.seed, self.count, self.quiet, self.lenient = frozen.seed, count, quiet, lenient
         self._task, self._copies = task or Task(), copies
         self._batch = Batch(copies * count, self._task, threads, max_steps=max_steps)
-        if frozen.scenario and frozen.count < count:
+        if frozen.count < count:
             raise ValueError(f"count must be at most the {frozen.count} scenarios of the set, got {count}")
         self._fixed = {name: np.tile(values[:count], copies) for name, values in frozen.scenario.items()}
         if time_weight is not None:

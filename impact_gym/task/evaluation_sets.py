@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from impact_gym.files import named_file, parsed
 from impact_gym.quantities import SCENARIO
-from impact_gym.task.scenario import FIELDS
 from impact_gym.validation import unit_text
 
 SHIPPED = Path(__file__).with_name("sets")
@@ -27,12 +26,8 @@ class EvaluationSet:
     """A set of scenarios: for each field an array of its values."""
 
     seed: int  # seed of the first scenario
+    count: int  # number of scenarios
     scenario: dict[str, NDArray[np.float64]]  # fields and units as in `ScenarioRanges`
-
-    @property
-    def count(self) -> int:
-        """Number of scenarios."""
-        return len(self.scenario[FIELDS[0]])
 
 
 def load(name: str | Path) -> EvaluationSet:
@@ -48,7 +43,7 @@ def _frozen(text: str) -> EvaluationSet:
         raise ValueError(f"its checksum is {checksum}, not {about['sha256']}: it was altered")
     rows = list(csv.DictReader(io.StringIO(table)))
     scenario = {name: np.array([float(row[head]) for row in rows]) for name, head in _COLUMNS.items()}
-    return EvaluationSet(int(about["seed"]), scenario)
+    return EvaluationSet(int(about["seed"]), len(rows), scenario)
 
 
 _COLUMNS = {row.id: f"{row.id} [{unit_text(row.unit)}]" for row in SCENARIO}
