@@ -65,7 +65,7 @@ def read_command(
 
     @registry.primitive_rule
     def plain_words(info: constructors.PrimitiveTypeInfo) -> constructors.PrimitiveConstructorSpec[Any] | None:
-        """Read a value as tyro does; the help has "PATH", not "{None}|PATH", and "NAME ...", not "[STR [STR ...]]"."""
+        """Read a value as tyro does. Its help "{None}|PATH" becomes "PATH", "[STR [STR ...]]" becomes "NAME ..."."""
         spec = usual_rule(registry.get_primitive_spec, info)
         if not isinstance(spec, constructors.PrimitiveConstructorSpec):
             return None

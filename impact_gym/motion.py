@@ -50,7 +50,7 @@ class Motion(Parameters, path="motion"):
 
     def __post_init__(self) -> None:
         Parameters.__post_init__(self)
-        rising("Motion", self.times, {"velocity": self.velocities})
+        rising("Motion", self.times, "velocity", self.velocities)
         if self.velocities[0] != 0.0:
             raise ValueError(f"Motion.velocities must begin at 0 m/s, got {self.velocities[0]!r} m/s")
 

@@ -131,7 +131,8 @@ def one_of(field: str, value: Any, *kinds: type[Any]) -> None:
     if not isinstance(value, kinds):
         names = {type(None): "None", Mapping: "mapping", os.PathLike: "path"}
         wanted = " or ".join(names.get(kind, kind.__name__) for kind in kinds)
-        raise WrongTypeError(f"{field} must be a {wanted}, got {shown(value)}")
+        article = "an" if wanted[0] in "AEIOaeio" else "a"
+        raise WrongTypeError(f"{field} must be {article} {wanted}, got {shown(value)}")
 
 
 def choice(field: str, value: Any, allowed: Container[str | None]) -> None:
@@ -158,11 +159,11 @@ def array(
     return result
 
 
-def rising(field: str, time: Sequence[float], columns: Mapping[str, Sequence[float]]) -> None:
-    """Raise ValueError unless 2 or more times rise from 0 s, and each column has one finite number per time."""
-    for name, values in columns.items():
-        if len(values) != len(time) or len(time) < 2 or not np.isfinite([*time, *values]).all():
-            raise ValueError(f"{field} needs 2 or more times in s, each with a finite {name}, got {len(time)} times")
+def rising(field: str, time: Sequence[float], name: str, values: Sequence[float]) -> None:
+    """Raise ValueError unless 2 or more finite times rise from 0 s, and each time has one of the `values`."""
+    if len(values) != len(time) or len(time) < 2:
+        got = f"{len(time)} times and {len(values)} values"
+        raise ValueError(f"{field} needs 2 or more times in s, each with a {name}, got {got}")
     if time[0] != 0.0 or np.any(np.diff(time) <= 0.0):
         place = int(np.argmax(np.diff(time) <= 0.0))
         raise ValueError(f"{field} must have times that rise from 0 s, got {time[place]!r} s and {time[place + 1]!r} s")

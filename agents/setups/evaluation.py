@@ -133,7 +133,7 @@ def variants(evaluation: Evaluation, environment: Mapping[str, Any]) -> list[Cha
 
 
 def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool = False) -> Iterator[Change]:
-    """Yield the changes of one argument. Without `strict`, invalid values are left out, but unknown sets are errors."""
+    """Yield the changes of one argument. Invalid values (without `strict`) are left out; an unknown set is an error."""
     where = f"evaluation.varied.{name}"
     multiples = isinstance(values, Mapping)
     if multiples:

@@ -46,7 +46,7 @@ class Tuned(NamedTuple):
 
     rule: str  # name of the rule, one of RULES
     rtol: float = Task.rtol  # relative tolerance of simulations in the search; the validation uses the task's rtol
-    clean_alarm: bool = False  # whether search and validation play with an alarm from the exact contact force
+    clean_alarm: bool = False  # whether the exact contact force raises the alarm in search and validation
     jitter: float = 0.0  # standard deviation of errors that the search adds to an action, as a fraction of its range
     scenarios: int = 300  # number of scenarios that each candidate plays in the search
 

@@ -157,7 +157,7 @@ def search(
 
     `candidate`, `limits`, `budget` and each of `variables` have the fields of `Candidate`, `Limits`, `SearchBudget` and
     `SearchVariable`. The candidate's environment has a range for each variable. The search starts at the candidate's
-    `parameters`. `approach_time` (s) limits the mean approach time.
+    `parameters` and each variable's `start`. `approach_time` (s) limits the mean approach time.
     """
     begin, free, much = Candidate(**candidate), [SearchVariable(*each) for each in variables], SearchBudget(**budget)
     of_rule = zip(RULES[begin.rule].PARAMETERS, begin.parameters, strict=True)

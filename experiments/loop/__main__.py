@@ -1,4 +1,4 @@
-"""`python -m experiments.loop NAME --out DIR`: export a controller, and let it steer a simulated arm at 1 kHz."""
+"""`python -m experiments.loop NAME --out DIR`: export a controller, and let it steer a simulated arm over UDP."""
 
 import json
 import multiprocessing

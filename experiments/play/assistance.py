@@ -49,7 +49,7 @@ def related(setup: Setup) -> dict[str, str]:
 
 
 def environment_of(setup: Setup) -> dict[str, Any]:
-    """Return a set-up's environment without operator, with the ranges RANGES; each channel has half of the delay."""
+    """Return a set-up's environment without operator, with RANGES; each way has half of the round trip's delay."""
     environment = {name: value for name, value in setup.environment.items() if name != "operator"} | {"rtol": RTOL}
     for way in WAYS:
         delay, jitter = [0.5 * limit for limit in RANGES["delay"][1:]], [*RANGES["jitter"][1:]]

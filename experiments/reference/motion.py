@@ -51,7 +51,7 @@ class Motion:
         self.coupling_impulse = 0.0  # N s, impulse of the coupling on the tool, in past contacts
         self.snap_through: list[float] = []  # s, times at which the slider of a bistable coupling passed its alignment
         self.contacts, self.first_contact = 0, inf  # number of contacts begun; start of the first contact, s
-        self.contact_seconds = 0.0  # s, processor time in contacts
+        self.contact_seconds = 0.0  # s, processor time spent on contacts
         self.top_speed = 0.0  # m/s, largest velocity of the object
         self.stop_hits = 0
         self.fastest = max(chain.slow_rate, chain.stop_rate)  # 1/s, limits the steps, see the docstring of the class

@@ -30,7 +30,7 @@ FLOOR = 1e-12  # m/s, `Motion.floor`, as in the environment
 PATIENCE = 3000  # `Motion.patience`, a number of evaluations
 ROUNDING = 1e-9  # s, allowed rounding error of a time
 SETTLE_SLICE = 0.05  # s, largest time between two calls of `Motion.over` after the episode
-# `_observe` applies one of these functions to a value and its limits; the key is the curve of an observation's scale
+# functions by `Scale.curve`: `_observe` applies one to a value and to both limits of its scale
 CURVES: dict[str, Callable[[float], float]] = {"linear": float, "log": log, "log1p": log1p}
 
 

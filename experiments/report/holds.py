@@ -69,7 +69,7 @@ def setting(change: Change) -> str:
 
 
 def outcomes(played: Played, controller: str = POLICY) -> pl.DataFrame:
-    """Return a row for each contestant under each change; the median seed is called POLICY.
+    """Return a row for each contestant under each change; `Matchup.policy` is called POLICY.
 
     Columns: the means `V` (m/s), `T` (s) and `loss` (cost, m/s); `missed`, the number of missed objects among `of`
     objects; `more` (m/s), the extra cost of `controller` over this contestant, or 0 if below two standard errors;

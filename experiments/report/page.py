@@ -1,4 +1,4 @@
-"""The page: a tab for each set-up, with the answer on the first screen and the details below."""
+"""The page of the report: a tab for each set-up, with the answer on the first screen and the details below."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

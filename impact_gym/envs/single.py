@@ -131,10 +131,11 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     The final `info` has `object_velocity` (m/s), `approach_time` (s), `peak_force` (N), `contact_count`, `missed`,
     `time_weight`, `reward_terms`, `scenario`, `record` and `status`. `reward_terms` has the terms time, velocity, force
     and missed; their sum is the return. `record` has all drawn numbers. With `friction` the final `info` also has
-    `slide` and `rest_time`. `slide` (m) is the distance from the object's first position to its last position.
-    `rest_time` (s) is the time from which the object rests and the tool is slower than 1 mm/s; inf if the simulation
-    ended earlier. The tool is checked once per ms after the flange has stopped, so `rest_time` is never before this
-    stop. During an episode and after a truncation, `env.unwrapped.episode_info()` returns the present values.
+    `slide` and `rest_time`. `slide` (m) is the distance from the object's first position to the place where it comes to
+    rest if no contact follows. `rest_time` (s) is the time from which the object rests and the tool is slower than
+    1 mm/s; inf if the simulation ends before the tool is so slow. The tool is checked once per ms after the flange has
+    stopped, so `rest_time` is never before this stop. During an episode and after a truncation,
+    `env.unwrapped.episode_info()` returns the present values.
 
     ## Arguments
     To draw a number of a coupling or robot from a range, give a dict:

@@ -61,7 +61,7 @@ class Coordinate:
         return 1.0 / (1.0 + math.exp(-u)) if self.name == RESTITUTION else self.sign * math.exp(u)
 
     def end(self, u: float | None, side: int) -> float:
-        """Return the number at an interval's end `u`; None: the limit on this `side` (-1, 1), such as 0 or infinity."""
+        """Return the number at `u`, an end of its interval; None: no end on this `side` (-1, 1): 0, 1 or infinity."""
         if u is not None:
             return self.number(u)
         return float(side > 0) if self.name == RESTITUTION else self.sign * (math.inf if side > 0 else 0.0)

@@ -1,4 +1,4 @@
-"""The readings of a sensor with load cell and low-pass filter; a column's noise, level at rest, and bursts of force."""
+"""Readings of a sensor with load cell and low-pass filter. Noise, level at rest and bursts of force in a log."""
 
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
@@ -19,8 +19,9 @@ MIN_HEIGHT = 5.0, 0.2  # a burst exceeds this many standard deviations of noise,
 
 
 def curve(time: Array, values: Array) -> PPoly:
-    """Return cubic Hermite pieces through points (k,). Parabolas through three successive points give inner slopes.
+    """Return cubic Hermite pieces through points (k,).
 
+    The slope at an inner point is that of the parabola through it and its neighbours, but 0 at a constant part's ends.
     `scipy.interpolate.CubicHermiteSpline` makes the same curve more slowly.
     """
     apart = np.append(np.diff(time) > MIN_STEP, True)

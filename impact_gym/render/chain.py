@@ -17,7 +17,7 @@ from impact_gym.task import Task
 TOOL_LENGTH, TOOL_HEIGHT = 0.034, 0.03  # m
 FLANGE_LENGTH, FLANGE_HEIGHT = 0.016, 0.052  # m
 BAR = 0.006  # m, thickness of a rigid coupling
-CLEARANCE = 0.004  # m, half the length of a bistable slider, and the thickness of its stops
+CLEARANCE = 0.004  # m, half the length of a bistable slider, and the thickness of its front stop
 SHORTEST_SPRING = 0.002  # m, least length of the coupling's drawn spring, also if the tool has passed the flange
 BASE_LENGTH, ROBOT_LENGTH = 0.008, 0.03  # m, lengths of the block with the imposed motion, and of the robot's spring
 ROOM = 0.2  # m, space shown behind the object

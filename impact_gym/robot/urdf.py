@@ -115,11 +115,11 @@ def _named(robot: Element, kind: str) -> dict[str, Element]:
     return named
 
 
-def _only(of: Element | None, tag: str, name: str) -> Element | None:
-    """Return the only child of `of` with this tag, or None; `name` stands for `of` in messages."""
-    found = [] if of is None else of.findall(tag)
-    if of is not None and len(found) > 1:
-        raise ValueError(f"{of.tag} {name!r} has {len(found)} elements <{tag}>, allowed is one")
+def _only(parent: Element | None, tag: str, name: str) -> Element | None:
+    """Return the only child of `parent` with this tag, or None; messages call the parent by `name`."""
+    found = [] if parent is None else parent.findall(tag)
+    if parent is not None and len(found) > 1:
+        raise ValueError(f"{parent.tag} {name!r} has {len(found)} elements <{tag}>, allowed is one")
     return found[0] if found else None
 
 

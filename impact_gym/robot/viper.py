@@ -1,8 +1,9 @@
 """The paper's arm, the Viper s650, and a default approach on which it has the paper's mass and stiffness.
 
-The paper gives neither the joint angles nor the place of the impact. Of Fig. 12 the paper prints only one
-number: robot mass m_r + tool mass m_t = 5.35 kg at the impact. From other printed numbers we infer the robot's
-stiffness at the impact, k_r = 1.9e5 N/m, and the travel to the impact, 0.2505 m (see docs/provenance.md).
+The paper gives neither the joint angles nor the place of the impact. Fig. 12 shows the robot's mass, damping and
+stiffness along the motion, but only this number is printed: m_r + m_t (mass of robot and tool) = 5.35 kg at the impact.
+From other printed numbers we infer the robot's stiffness at the impact, k_r = 1.9e5 N/m, and the travel to the impact,
+0.2505 m (see docs/provenance.md).
 
 With the tool in the plane of the arm (y = 0), m_r and k_r depend only on the position of the wrist centre, because
 links 5 and 6 only translate. `default_line` finds a position with these m_r and k_r. The arm reaches this position on a

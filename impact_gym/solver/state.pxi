@@ -184,7 +184,7 @@ cdef struct Run:  # what the functions of the solver need in a run
     double ground  # m/s^2, mu g, deceleration of an object that slides; 0 without friction
     double threshold  # N, contact force that sets `Chain.detection` when it is first exceeded; inf: none
     bint tell_touch  # whether `command` returns at the first touch
-    double tolerance  # -, allowed local error of a step, in the units of the `Piece`
+    double tolerance  # -, allowed local error of a step in natural units; relative for components above 1
     int64_t max_steps
     Recorder recorder
     Work *work

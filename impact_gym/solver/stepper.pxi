@@ -10,7 +10,7 @@ L-stable pair is used. After TRY attempts of that pair, the series or explicit p
 cdef enum:
     EXPLICIT, STIFF, SERIES
     UNCHECKED = 25  # initial `patience`: number of explicit attempts before stiffness is checked
-    REPEATED = 10  # number of attempts near the limit of stability before the change to the L-stable pair
+    REPEATED = 10  # after more attempts than this near the limit of stability, the L-stable pair is used
     TRY = 10  # number of attempts of the L-stable pair between two trials of the series or the explicit pair
     MOST = 16 * UNCHECKED  # largest `patience`
 

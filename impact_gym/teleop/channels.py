@@ -48,7 +48,7 @@ class Channel(Parameters, path="uplink"):
         if self.trace is not None:
             columns = {name: numbers(f"Channel.trace: {name}", values, "s", at_least=0.0, at_most=1e6)
                        for name, values in zip(("time", "delay"), columns_of(self.trace), strict=True)}  # fmt: skip
-            rising("Channel.trace", columns["time"], {"delay": columns["delay"]})
+            rising("Channel.trace", columns["time"], "delay", columns["delay"])
             object.__setattr__(self, "trace", tuple(zip(*columns.values(), strict=True)))
             if len(self.delays) < 2:
                 raise ValueError(f"Channel.trace must have 2 packets or more that arrive, got {len(self.delays)}")

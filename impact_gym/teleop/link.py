@@ -67,7 +67,10 @@ class Link(NamedTuple):
                              f"period of {control_period:g} s, got {apart:g} s: is it in ms?")  # fmt: skip
 
     def to_kernel(self, record: NDArray[Any], begin: int) -> list[NDArray[np.float64]]:
-        """Write operator kind and table places (first: `begin`) into `record` (1,) of TASK; return the tables."""
+        """Write the operator's kind and where each table lies into `record` (1,) of TASK; return the tables.
+
+        `begin`: index of the first number of the first table.
+        """
         record["operator_kind"] = KINDS[type(self.operator)]
         tables = [getattr(self.operator, "table", np.empty(0)), self.uplink.table, self.downlink.table]
         for name, points in zip(("replay", *WAYS), tables, strict=True):

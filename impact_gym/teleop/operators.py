@@ -33,7 +33,7 @@ class Replay(Parameters, path="operator"):
 
     def __post_init__(self) -> None:
         Parameters.__post_init__(self)
-        rising("Replay", self.time, {"velocity": self.velocity})
+        rising("Replay", self.time, "velocity", self.velocity)
         count = np.ceil(self.time[-1] / self.length) if self.length else 0.0
         if self.recording > count:
             raise ValueError(f"Replay.recording must be at most {count:g} for these times, got {self.recording!r}")

@@ -82,13 +82,16 @@ def test_response_of_a_low_pass_to_a_ramp_solves_its_equation():
 
 
 @pytest.mark.parametrize("damping_ratio", [0.0, 0.05, 0.7])
-def test_step_response_of_a_load_cell_is_that_of_a_mass_on_a_spring_and_damper(damping_ratio):
+def test_load_cell_responds_to_a_step_and_a_ramp_like_a_mass_on_a_spring_and_damper(damping_ratio):
     time, omega = np.linspace(0.0, 0.01, 41), 2.0 * np.pi * 700.0
-    read, slope = ig.Sensor(cell=ig.LoadCell(0.02, 700.0, damping_ratio)).senses(time, np.ones(41), time)
+    sensor = ig.Sensor(cell=ig.LoadCell(0.02, 700.0, damping_ratio))
+    read, slope = sensor.senses(time, np.ones(41), time)
     root = math.sqrt(1.0 - damping_ratio**2)
     turn, fade = omega * root * time, np.exp(-damping_ratio * omega * time)
     expected = 1.0 - fade * (np.cos(turn) - damping_ratio / root * np.sin(turn))
     np.testing.assert_allclose(read, expected, rtol=0.0, atol=1e-9)
+    ramp = sensor.senses(time[[0, -1]], time[[0, -1]], time[::16])[0]  # the cell swings almost 3 times between readings
+    np.testing.assert_allclose(ramp, (time - fade * np.sin(turn) / (root * omega))[::16], rtol=0.0, atol=3e-4 / omega)
     assert slope[0] == pytest.approx(2.0 * damping_ratio * omega, abs=1e-6)  # the damper transmits the step at once
 
 
@@ -126,6 +129,8 @@ def test_identify_estimates_noise_or_uses_known_noise():
     known, twice = (ig.identify(log(TRUTH), guess(), MOTION, sensor=ig.Sensor(noise=n)) for n in (noise, 2 * noise))
     assert identified().noise["force"] == pytest.approx(noise, rel=0.2)
     assert np.std(known.residuals[0]["force"]) == pytest.approx(noise, rel=0.2)
+    with pytest.warns(UserWarning, match="times the noise given"):
+        ig.identify(log(TRUTH), guess(), MOTION, sensor=ig.Sensor(noise=0.5 * noise))
     assert log_width(twice) == pytest.approx(2 * log_width(known), rel=0.25)  # the misfit is no parabola
 
 
@@ -200,6 +205,7 @@ def test_starts_cover_each_part_of_the_searched_range_once():
         cells = {math.floor(SCATTERED * share) for share in shares}
         assert cells <= {*range(SCATTERED)}
         assert len(cells) == len(shares) > SCATTERED / 2
+        assert number.end(None, -1) == 0.0
 
 
 def test_indistinguishable_names_an_object_much_heavier_than_the_tool():

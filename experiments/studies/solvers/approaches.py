@@ -80,7 +80,7 @@ class Solution:
 
     @classmethod
     def of(cls, outcome: Any, duration: float) -> "Solution":
-        """Return the solution from an outcome of `ig.simulate` or `reference.simulate` after `duration` (s)."""
+        """Return the solution in an outcome of `ig.simulate` or `reference.simulate`; `duration` (s): of this run."""
         lasted = sum((duration if contact.end is None else contact.end) - contact.start for contact in outcome.contacts)
         detection = math.nan if outcome.detection_time is None else outcome.detection_time
         counts = len(outcome.contacts), len(outcome.snap_through), getattr(outcome, "steps", 0)
