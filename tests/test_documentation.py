@@ -204,8 +204,7 @@ def test_contact_of_the_padded_design_is_that_of_the_usual_scenarios_behind_its_
 
 def test_mechanism_is_held_in_every_corner_of_its_ranges():
     task = Task(**load_setup(EXAMPLES / "bistable-robust.toml").environment)
-    assert feasible.warnings(task) == []
-    assert len([*feasible.corners(task)]) == 64
+    assert (feasible.warnings(task), len([*feasible.corners(task)])) == ([], 64)
 
 
 def test_loops_print_what_simulate_gives():

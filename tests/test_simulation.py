@@ -45,8 +45,7 @@ def test_records_are_frozen():
 
 
 def test_brake_without_deceleration_has_that_of_the_trapezoid():
-    assert ig.Trapezoid(1.0, 5.0, ig.Brake(deceleration=None)).deceleration == 5.0
-    assert ig.Trapezoid(1.0, 5.0, ig.Brake(deceleration=3.0)).deceleration == 3.0
+    assert [ig.Trapezoid(1.0, 5.0, ig.Brake(deceleration=given)).deceleration for given in (None, 3.0)] == [5.0, 3.0]
     assert dataclasses.astuple(ig.Brake()) == (1.0, 0.016, None)
 
 

@@ -112,9 +112,7 @@ def cython_edits(file, source):
         if line.lstrip().startswith(("cimport", "include", "ctypedef", "from", "import")):
             continue
         spaced = line[start - 1 : start] == " " == line[end : end + 1]  # a product, not a pointer
-        instead = SWAPS.get(token.string) if spaced else None
-        if token.string in WORDS:
-            instead = WORDS[token.string]
+        instead = WORDS.get(token.string, SWAPS.get(token.string) if spaced else None)
         if token.type == tokenize.NUMBER and set(token.string) & set(".e"):
             instead = repr(float(token.string) * PERCENT or 0.01)
         elif token.type == tokenize.NUMBER:
