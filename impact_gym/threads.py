@@ -11,9 +11,11 @@ _pools: dict[int, ThreadPoolExecutor] = {}
 
 def over_rows(run: Callable[[int, int], object], rows: int, threads: int, smallest: int) -> None:
     """Call `run(first, last)` in up to `threads` threads; if there are several, each gets at least `smallest` rows."""
-    pieces = max(1, min(threads, rows // smallest))
+    if (pieces := min(threads, rows // smallest)) < 2:
+        run(0, rows)
+        return
     (first, last), *others = pairwise(rows * piece // pieces for piece in range(pieces + 1))
-    if others and os.getpid() not in _pools:  # a forked child makes its own pool
+    if os.getpid() not in _pools:  # a forked child makes its own pool
         _pools.clear()
         _pools[os.getpid()] = ThreadPoolExecutor(CORES, thread_name_prefix="impact_gym")
     submitted = [_pools[os.getpid()].submit(run, *other) for other in others]

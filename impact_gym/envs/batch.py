@@ -168,7 +168,7 @@ class Batch:
             TypeError, ValueError: `actions` are not numbers, not finite or of another shape; no row was stepped.
         """
         given = array("action", actions, shape or (self.size, len(self.action_spec)))
-        values = np.ascontiguousarray(given, np.float64).reshape(self.size, -1)
+        values = given.astype(np.float64, "C").reshape(self.size, -1)
         if not np.isfinite(values).all():
             wrong = values[~np.isfinite(values).all(axis=1)][0]
             raise ValueError(f"action must be finite (no unit), got {wrong}: nothing was moved")

@@ -250,7 +250,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         batch.step(action, _NO_SKIP, (len(batch.action_spec),))
         terminated = bool(batch.episodes["terminated"][0])
         self._running = not terminated
-        info = batch.link_infos()[0] | (batch.info(0) if terminated else {})
+        info = (batch.link_infos()[0] if len(batch.links) else {}) | (batch.info(0) if terminated else {})
         if self.render_mode == "human":
             self.render()
         return batch.observations[0].copy(), float(batch.rewards[0]), terminated, False, info
