@@ -26,7 +26,7 @@ def archive_of(kind: str, content: Mapping[str, Any], arrays: Arrays) -> bytes:
 
 
 def read_archive(path: Path, kind: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Return content and arrays of an archive; ValueError: missing file, damaged file or another format than `kind`."""
+    """Return content and arrays of an archive. ValueError: the file is missing, damaged or no `kind` file."""
     try:
         return unpacked(path.read_bytes(), kind)
     except Exception as error:  # a damaged file may raise any error
@@ -35,7 +35,7 @@ def read_archive(path: Path, kind: str) -> tuple[dict[str, Any], dict[str, NDArr
 
 
 def unpacked(packed: bytes, kind: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Return content and arrays of an archive; any exception means that it is damaged or not of the format `kind`."""
+    """Return content and arrays of an archive; any exception means that the archive is damaged or no `kind` archive."""
     with NpzFile(io.BytesIO(packed), allow_pickle=False) as archive:
         parts = archive.zip.infolist()  # type: ignore[union-attr]  # `zip` is None after closing
         if (size := sum(part.file_size for part in parts)) > len(packed):

@@ -65,7 +65,7 @@ def read_command(
 
     @registry.primitive_rule
     def plain_words(info: constructors.PrimitiveTypeInfo) -> constructors.PrimitiveConstructorSpec[Any] | None:
-        """Read a value as tyro does. Its help "{None}|PATH" becomes "PATH", "[STR [STR ...]]" becomes "NAME ..."."""
+        """Read a value as tyro does. In the help, "{None}|PATH" becomes "PATH" and "[STR [STR ...]]" "NAME ..."."""
         spec = usual_rule(registry.get_primitive_spec, info)
         if not isinstance(spec, constructors.PrimitiveConstructorSpec):
             return None
@@ -87,7 +87,7 @@ def joined(text: str | Callable[[], str | None] | None) -> str | None:
 
 @contextmanager
 def command_line(name: str, after: str = "the same command continues") -> Iterator[None]:
-    """Exit with the message of an expected error; print each warning once; `after`: how to resume."""
+    """Exit with the message of an expected error; print each warning once. `after` says how to resume."""
     said = set[str]()
 
     def show(message: Warning | str, *_: object, **__: object) -> None:

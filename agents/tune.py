@@ -175,7 +175,7 @@ def tune_at_rule_time(options: Tune) -> None:
 
 
 def _tuned_before(name: str, setup: Setup, options: Tune, say: Callable[[str], None] = print) -> dict[str, Any]:
-    """Return a baseline's stored results, by time weight, from searches with these settings and environment."""
+    """Return a baseline's stored results by time weight, from searches with the present settings and environment."""
     if not (options.folder(setup) / f"{name}.json").is_file():
         return {}
     try:
@@ -246,7 +246,7 @@ def search_bounds(
 
 
 def search_bound(environment: Mapping[str, Any], time_weight: float, scenarios: int, generations: int) -> Floats:
-    """Return the parameters (scenarios, k) of the best `Clairvoyant` of each scenario at a time weight (m/s per s)."""
+    """Return the best parameters (scenarios, k) of `Clairvoyant` in each scenario at a time weight (m/s per s)."""
     task, population = Task(**{"rtol": BOUND_RTOL, **environment, "privileged": True}), BOUND_POPULATION
     weights = [time_weight] * population
     batch = ScenarioBatch.of(tuned.BOUND_SET, scenarios, task, copies=population, time_weight=weights, threads=1)

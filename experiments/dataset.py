@@ -108,7 +108,7 @@ def players(name: str, setup: Setup) -> Players:
 
 
 def recorded(env: gym.Env[Any, Any], seed: int, record: Mapping[str, float], play: Players) -> EpisodeBuffer:
-    """Play and return an episode. The infos hold `sensors` (SI units), and `episode_info` without its mappings."""
+    """Play and return an episode. Its infos hold `sensors` (SI) and the values of `episode_info` except mappings."""
     bare: Any = env.unwrapped
 
     def info() -> dict[str, Any]:

@@ -13,7 +13,7 @@ from agents.setups import load_setup, shipped
 
 
 def card(name: str) -> Iterator[str]:
-    """Yield lines about a policy: purpose, failures, results on the validation set, command of the training."""
+    """Yield lines about a policy: purpose, when it fails, results on the validation set, command of the training."""
     setup = load_setup(name)
     path = setup.folder / "policies" / f"{setup.name}.npz"
     if not path.is_file():

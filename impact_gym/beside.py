@@ -25,7 +25,7 @@ class Beside:
 
     @staticmethod
     def exec_module(module: ModuleType) -> None:
-        """Restore the module's own spec; `create_module` has already run the module."""
+        """Restore the module's own spec, which Python has replaced; `create_module` has already run the module."""
         module.__spec__ = module.__spec__.loader_state  # type: ignore[union-attr]
 
 

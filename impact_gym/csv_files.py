@@ -39,7 +39,7 @@ NUMBERS = {
     for sign in ".,"
 }
 COMMENTS = ("#", "%", "//")
-FIRST_LINES, FIRST_CHARACTERS = 500, 100_000  # of a file's beginning, which determines its layout
+FIRST_LINES, FIRST_CHARACTERS = 500, 100_000  # the beginning of a file, which is read to find its layout
 
 
 class Column(NamedTuple):
@@ -118,9 +118,9 @@ def _table(text: str, wanted: Mapping[str, Column], unnamed: Sequence[str]) -> T
 def _numbers(
     rows: Mapping[int, str], layout: _Layout, places: Mapping[str, int], wanted: Mapping[str, Column]
 ) -> NDArray[np.float64]:
-    """Return the numbers (lines, columns). `rows`: lines by line number; `places`: index of each column's field."""
+    """Return the numbers (lines, columns). `rows`: lines by line number; `places`: the field index of each column."""
     if layout.decimal == "." and not any('"' in line for line in rows.values()):
-        with suppress(ValueError):  # if NumPy refuses a line, for instance for an empty field, the loop below reads all
+        with suppress(ValueError):  # if NumPy refuses a line, such as one with an empty field, use the loop below
             return np.loadtxt(
                 rows.values(), comments=None, delimiter=layout.separator, usecols=[*places.values()], ndmin=2
             )

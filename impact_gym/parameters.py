@@ -10,7 +10,7 @@ from impact_gym.validation import number, numbers
 
 
 class SI:
-    """Unit and limits of a dataclass field without a row in `quantities`; the field's annotation contains them."""
+    """Unit and limits in the annotation of a dataclass field, for a field that has no row in `quantities`."""
 
     def __init__(self, unit: str, **limits: float) -> None:
         self.unit, self.limits = unit, limits

@@ -60,19 +60,20 @@ class Quantity:
     unit: str  # "-": no unit
     limits: Limits = Limits()
     draw: Draw | None = None
-    observed: str = ""  # "always", or the argument that adds the number; "": only a critic observes it, if it is drawn
+    # "always", or the argument that adds the number to the observation; "": only a critic observes it, if it is drawn
+    observed: str = ""
     scale: Scale = NEVER_OBSERVED
     path: str = ""  # dotted path of the number in scene or motion, if the path is not the id
     from_flange: bool = False  # True: the observation has the number minus the flange position
     shaped_by: tuple[str, ...] = ()  # arguments of the environment that change the observed value
 
     def check(self, value: Any, name: str = "") -> float:
-        """Return `value` as a float, checked by `validation.number`; `name` is for messages, "": the id."""
+        """Return `value` as a float, checked by `validation.number`; messages call it `name`, by default the id."""
         above, at_least, at_most = self.limits  # faster than `_asdict`
         return number(name or self.id, value, self.unit, above=above, at_least=at_least, at_most=at_most)
 
     def interval(self, value: Any, name: str = "") -> Range:
-        """Return `value`, a number or a pair (low, high), as a pair, checked by `validation.interval`."""
+        """Return `value`, a number or a pair (low, high), as a pair that `validation.interval` has checked."""
         return interval(name or self.id, value, self.unit, **self.limits._asdict())
 
     def by_ratio(self, low: float) -> bool:
@@ -89,7 +90,7 @@ class Quantity:
 def set_up(
     name: str, words: str, unit: str, limits: Limits, place: int, scale: Scale, path: str = "", observed: str = ""
 ) -> Quantity:
-    """Return the row of a number of the set-up; its draw is `by_ratio` if its scale is logarithmic."""
+    """Return the row of a number in SET_UP; the number is drawn `by_ratio` if its scale is logarithmic."""
     return Quantity(name, words, unit, limits, Draw(place, scale.curve == "log", False, True), observed, scale, path)
 
 
@@ -275,7 +276,7 @@ OTHERS = (
     Quantity("velocity_range", "range of an action's first number", "m/s", OFFSET),
     Quantity("acceleration_range", "range of an action's second number", "m/s^2", Limits(at_least=1e-9, at_most=1e6)),
 )
-"""Numbers that occur only in a scene, its motion or a run, and arguments of the environment that are never drawn."""
+"""Other numbers of a scene, a motion or `simulate`, and arguments of the environment that are never drawn."""
 
 QUANTITIES: dict[str, Quantity] = {
     row.id: row for row in (*SENSORS, *SCENARIO, *EPISODE, *SET_UP, *MORE_SENSORS, *RESULTS, *STEERED, *OTHERS)

@@ -70,7 +70,7 @@ class Contact(Parameters, path="contact"):
     dissipation: Dissipation = "hu-guo"
     stiffness_exponent: float = 1.5  # -, exponent m of the penetration
     damping_exponent: float = 1.5  # -, exponent n of the penetration in the damping force; 0 or at least 1
-    reference_velocity: float | None = None  # m/s, only with dissipation "fixed", for which None means 1 m/s
+    reference_velocity: float | None = None  # m/s, approach velocity, only with dissipation "fixed" (None: 1 m/s)
 
     def __post_init__(self) -> None:
         Parameters.__post_init__(self)
@@ -123,8 +123,8 @@ class Bistable(Parameters, path="coupling"):
     stiffness: float = 50.0  # N/m, k
     free_length: float = 0.07  # m, L0
     height: float = 0.028  # m, H, height of the pivot above the path of the slider
-    front_stop: float = 0.0208  # m, position between 0 and the stroke sqrt(L0^2 - H^2)
-    rear_stop: float = -0.02  # m, position between minus the stroke and 0
+    front_stop: float = 0.0208  # m, slider position; above 0 and below the stroke sqrt(L0^2 - H^2)
+    rear_stop: float = -0.02  # m, slider position; above minus the stroke and below 0
     stop_stiffness: float = STOP_STIFFNESS  # N/m, k_s
     stop_damping_ratio: float = STOP_DAMPING_RATIO  # -, zeta_s
 

@@ -149,7 +149,7 @@ _OUTCOMES = {field: _FIELDS_OF_CHAIN.get(field, field) for field in Outcomes.__d
 
 
 def _approaches(template: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]) -> Iterator[tuple[Any, Array]]:
-    """Yield, for each approach, the fields of its record APPROACH and the table of its robot."""
+    """Yield, for each approach, the fields of a record of the type APPROACH, and the table of its robot."""
     flat = {name: column.ravel() for name, column in columns.items()}
     durations, table_at = flat.pop("duration"), 0
     for row in range(len(durations)):
@@ -219,7 +219,7 @@ FROZEN = "frozen where the object stands"
 
 
 def _simpler_models(line: Approach | None) -> Iterator[tuple[str, Callable[[Scene], Scene]]]:
-    """Yield name and function of each simpler model; with a `line`, its robot tables replace the scenes' robots."""
+    """Yield name and function of each simpler model. With a `line`, the robots are rigid, or come from its tables."""
     robots: dict[str, Any] = {"robot rigid": None}
     if line is None:
         robots = {"": "its own", f"robot {FROZEN}": "its own", **robots}

@@ -20,7 +20,7 @@ INPUTS = [f"impact_gym/{name}" for name in ("solver/tableau.py", "task/numbers.p
 
 def generated(name: str) -> str:
     """Return the text of a generated source."""
-    if "impact_gym" not in sys.modules:  # in setup.py, before the solver is compiled: the package's __init__ would fail
+    if "impact_gym" not in sys.modules:  # in setup.py, which cannot import the package before it compiles the solver
         sys.modules["impact_gym"] = package = ModuleType("impact_gym")
         package.__path__ = [str(HERE)]
     return str(runpy.run_path(str(GENERATORS[name]))["text"]())

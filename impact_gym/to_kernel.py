@@ -38,7 +38,7 @@ _APPROACH = struct.Struct(_codes(kernels.APPROACH))
 
 
 def places(kind: np.dtype[Any], before: int = 0) -> dict[str, int]:
-    """Return the index of each number of a compiled record, by its dotted path."""
+    """Return a dict from the dotted path of each number of a compiled record to the number's index."""
     by_name: dict[str, int] = {}
     for name, (inner, offset, *_) in (kind.fields or {}).items():
         at = before + offset // 8
@@ -60,7 +60,7 @@ STATUS_MESSAGES = {
 def approach_to_kernel(
     scene: Scene, motion: Trapezoid | Motion, duration: float, table_at: int = 0
 ) -> tuple[tuple[Any, ...], Numbers]:
-    """Return the fields of APPROACH and a table (n,) of robot and motion for index `table_at` of all tables."""
+    """Return fields of APPROACH, and the table (n,) of robot and motion to put at index `table_at` of all tables."""
     held, table = mount_to_kernel(scene.tool.mass, scene.coupling, scene.robot, table_at)
     target = scene.object
     profile: tuple[float, ...]
@@ -96,7 +96,7 @@ _NO_MECHANISM = _NO_COUPLING[2:]
 def mount_to_kernel(
     tool_mass: float, coupling: Coupling, robot: Robot | RobotTable | None = None, table_at: int = 0
 ) -> tuple[tuple[Any, ...], Numbers]:
-    """Return the fields of MOUNT and the robot's table (n,) for index `table_at` of all tables."""
+    """Return the fields of MOUNT, and the robot's table (n,) to put at index `table_at` of all tables."""
     kind, numbers = kernels.DIRECT, _NO_COUPLING
     if isinstance(coupling, SpringDamper):
         kind, numbers = kernels.SPRING_DAMPER, (coupling.stiffness, coupling.damping_ratio, *_NO_MECHANISM)
@@ -111,6 +111,6 @@ def mount_to_kernel(
         return (kind, kernels.LUMPED, tool_mass, numbers, of_robot, 0, 0, 0.0), NO_TABLE
     splines = robot.splines
     mass, stiffness, _ = splines(splines.x).T
-    rows = splines.c[::-1].transpose(1, 2, 0)  # (interval; mass, stiffness or damping; power 0 to 3)
+    rows = splines.c[::-1].transpose(1, 2, 0)  # axes: interval; mass, stiffness, damping; power 0 to 3
     held = kind, kernels.TABLE_OF_POSITION, tool_mass, numbers, _NO_ROBOT, table_at, len(rows), max(stiffness / mass)
     return held, np.concatenate([splines.x, rows.ravel()])

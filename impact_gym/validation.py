@@ -40,7 +40,7 @@ def nearest(kind: str, name: str, known: Iterable[str]) -> str:
 
 
 def unit_text(unit: str, preposition: str = "") -> str:
-    """Return `preposition` and `unit` for a message; for the unit "-" only "(no unit)"."""
+    """Return `preposition` and `unit` for a message; only the unit if it is in parentheses; "(no unit)" for "-"."""
     text = "(no unit)" if unit == "-" else unit
     return text if text.startswith("(") else f"{preposition}{text}"
 
@@ -160,7 +160,7 @@ def array(
 
 
 def rising(field: str, time: Sequence[float], name: str, values: Sequence[float]) -> None:
-    """Raise ValueError unless 2 or more finite times rise from 0 s, and each time has one of the `values`."""
+    """Raise ValueError unless the finite numbers `time` (s), 2 or more, rise from 0 s and are as many as `values`."""
     if len(values) != len(time) or len(time) < 2:
         got = f"{len(time)} times and {len(values)} values"
         raise ValueError(f"{field} needs 2 or more times in s, each with a {name}, got {got}")

@@ -34,10 +34,13 @@ class DetectorRule(ReactingRule):
     """
 
     NEEDS: ClassVar[Mapping[str, Any]] = {"deflection_sensor": True, "past_readings": 2}
-    MEMORY = 4  # cumulative sum; count, mean and sum of squared deviations of the forces that were read without alarm
+    MEMORY = 4  # cumulative sum; count, mean and sum of squared deviations of the forces read while the alarm is off
 
     def see(self, view: View, state: Any, episode_start: Any) -> tuple[View, Any]:
-        """Return the view with the rule's own alarm, and the state: alarm start (s; inf: off), then MEMORY numbers."""
+        """Return the view with the rule's own alarm, and the next state.
+
+        The state holds the time (s) at which the alarm began, inf while the alarm is off, and MEMORY further numbers.
+        """
         time, start = view["time"], state is None or (episode_start is not None and episode_start)
         raised, *memory = np.zeros((1 + self.MEMORY, *np.shape(time))) if state is None else state
         cleared = start | (time > raised + self.task.after_alarm - CLOCK)

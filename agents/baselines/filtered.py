@@ -2,7 +2,8 @@
 
 The tool's position at the time of a reading, plus the reading without bias, is a measurement of the object's place. The
 estimate starts at the middle of the range of distances, with the variance of a uniform distribution over this range.
-The filter knows the task's range sensor, tool mass and coupling, or the median of a number that each episode draws.
+The filter knows the task's range sensor, tool mass and coupling. If episodes draw one of their numbers, the filter uses
+its median.
 """
 
 from collections.abc import Mapping
@@ -29,8 +30,8 @@ class FilteredProfile(StretchedProfile):
     def see(self, view: View, state: Any, episode_start: Any) -> tuple[View, Any]:
         """Return the view, with `distance_estimate` (m) and its standard deviation `spread` (m), and the next state.
 
-        The state begins with weight (1/m^2) and place (m) of the estimate, number and last time (s) of the used
-        readings, and the result of `swing`. Time (s), flange velocity (m/s) and tool position (m) of KEPT steps follow.
+        The state begins with the estimate's weight (1/m^2) and place (m), the number of used readings, the time (s) of
+        the last one, and the result of `swing`. Time, flange velocity and tool position (SI) of KEPT steps follow.
         """
         time, position, velocity = view["time"], view["position"], view["velocity"]
         near, far = self.task.scenario.distance
@@ -60,7 +61,7 @@ class FilteredProfile(StretchedProfile):
         return View(view.observation, view.spec, **own), state
 
     def swing(self, deflection: Floats, rate: Floats, gained: Floats) -> tuple[Floats, Floats]:
-        """Return deflection (m), rate (m/s) after a step; `gained`: change of flange velocity (m/s) (paper, eq. 17)."""
+        """Return deflection (m) and its rate (m/s) after a step; the flange gains `gained` (m/s) (paper, eq. 17)."""
         coupling, period = self.task.coupling, self.task.control_period
         if not isinstance(coupling, SpringDamper):
             return deflection, rate

@@ -28,7 +28,7 @@ USUAL_SPREAD, LEAST_SPREAD = 1e-2, 1e-3
 class ReactingRule(Rule):
     """Follow a speed profile; while the alarm is on, follow the velocities in REACTION."""
 
-    OVER = "position"  # id of the observed number that the profile takes as its argument; a distance is negated
+    OVER = "position"  # key, in the view, of the profile's argument; a distance is negated to give a position
 
     def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
         """Return velocity and acceleration of the reaction while the alarm is on, else those of `approach`."""
@@ -61,7 +61,7 @@ KNOTS: Floats = np.array([0.08, 0.12, 0.15, 0.17, 0.19, 0.22, 0.25, 0.28, 0.315,
 AHEAD: Floats = np.array([-0.2, -0.12, -0.08, -0.05, -0.035, -0.02, -0.01, 0.0, 0.01, 0.025, 0.05])
 """Positions (m) of the corners of `RangedProfile`, relative to the estimated place of the object."""
 GAPS: Floats = np.array([-0.02, -0.01, 0.0, 0.01, 0.02, 0.04])
-"""The object's distance minus the flange's position (m) at the corners of `Clairvoyant`."""
+"""Corners of the profile of `Clairvoyant`: the object's distance minus the flange's position (m)."""
 
 
 class BlindProfile(ReactingRule):
@@ -144,7 +144,7 @@ class StretchedProfile(RangedProfile):
         Parameter("stretch", "-", -0.5, 1.5, 0.3),
         Parameter("slowing", "-", -0.5, 1.5, 0.0),
     )
-    SPREAD = "range_noise"  # id, in the view, of the standard deviation (m) of the estimated distance
+    SPREAD = "range_noise"  # key, in the view, of the standard deviation (m) of the estimated distance
 
     def profile(self, view: View) -> Callable[[Floats], Floats]:
         """Return the profile with positions * s**stretch and speeds / s**slowing, where s = spread / USUAL_SPREAD."""

@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 
 DISTANCES = ScenarioRanges().distance
 """Default range of the objects' distances, m. Positions in parameters are for this range, see `Rule.placed`."""
-LEAST_STRETCH = 0.01  # m, smallest near end and smallest width of a range of distances in `Rule.placed`
+LEAST_STRETCH = 0.01  # m; `Rule.placed` treats a smaller near end or width of a range of distances as this value
 SLOWEST = 1e-9  # m/s; a rule divides by the operator's speed, or by this number if the speed is smaller
 CLOCK = 1e-6  # s, tolerance in comparisons of observed times
 
@@ -30,7 +30,10 @@ class Parameter(NamedTuple):
 
 
 class View:
-    """Observations (..., n_obs): `view[id]` (...) is the number with this id, in SI units; `own` has priority."""
+    """Observations, an array (..., n_obs).
+
+    `view[id]` (...) is the number with this id, in SI units. Numbers in `own` replace the observed numbers.
+    """
 
     def __init__(self, observation: ArrayLike, spec: ObservationSpec, **own: Floats) -> None:
         self.observation, self.spec, self._own = np.asarray(observation, np.float64), spec, own
@@ -75,7 +78,7 @@ class Rule:
 
     @classmethod
     def of(cls, parameters: ArrayLike) -> Self:
-        """Make a rule from `parameters`, whatever arguments the constructor of the class takes."""
+        """Make a rule from `parameters`, even if the constructor of the class takes other arguments."""
         rule = cls.__new__(cls)
         Rule.__init__(rule, parameters)
         return rule
@@ -106,7 +109,7 @@ class Rule:
         return twin
 
     def placed(self, position: Floats) -> Floats:
-        """Rescale a position (m) in a parameter from DISTANCES to the task's range of distances."""
+        """Map a position (m), given for objects in the range DISTANCES, to the task's range of distances."""
         (near, far), (low, high) = DISTANCES, self.task.scenario.distance
         if (low, high) == DISTANCES:
             return position
@@ -145,7 +148,7 @@ class Rule:
 
 
 def interpolate(knots: Floats, values: Floats, at: Floats) -> Floats:
-    """Interpolate `values` (k,) or (n, k) at `knots` (k,) linearly to `at` (n,), constant beyond the end knots."""
+    """Interpolate linearly at `at` (n,) between `values` (k,) or (n, k) at `knots` (k,); constant beyond the knots."""
     place = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, len(knots) - 2)
     share = np.clip((at - knots[place]) / (knots[place + 1] - knots[place]), 0.0, 1.0)
     table = np.broadcast_to(values, (*np.shape(at), len(knots)))

@@ -1,7 +1,7 @@
 """Load baselines by name; read and write the files of tuned baselines and of the clairvoyant bound.
 
-The file of a tuned baseline is JSON with a checksum. The file of a bound holds the parameters of the best `Clairvoyant`
-that the search found in each scenario. The bound is not proven: another controller could have a lower cost.
+The file of a tuned baseline is JSON with a checksum. The file of a bound holds, for each scenario, the best parameters
+found for `Clairvoyant`, a rule that knows the scenario. Another controller could still have a lower cost.
 """
 
 import hashlib
@@ -30,7 +30,7 @@ FIXED: dict[str, Any] = {name: resolve_name(f"agents.baselines:{kind}") for name
 
 
 def load_baseline(name: str, time_weight: float = 2.0, folder: Path | None = None) -> Controller:
-    """Return a baseline for `time_weight` (m/s per s); for a tuned baseline see `Rule.at`.
+    """Return a baseline for `time_weight` (m/s per s). Tuned parameters are interpolated, see `Rule.at`.
 
     Raises:
         ValueError: there is no such baseline; the time weight is not above 0; the file is missing or altered, or does
@@ -118,7 +118,7 @@ def write_bound(
 
 
 def read_bound(setup: Setup, folder: Path = TUNED, generations: int = BOUND_GENERATIONS) -> dict[float, Floats]:
-    """Return the best parameters (scenarios, k) for each time weight (m/s per s); empty without a file."""
+    """Return the best parameters (scenarios, k) for each time weight (m/s per s); empty if there is no file."""
     path = bound_path(setup, folder)
     if not path.is_file():
         return {}
@@ -132,6 +132,6 @@ def read_bound(setup: Setup, folder: Path = TUNED, generations: int = BOUND_GENE
 
 
 def bound_of(setup: Setup, folder: Path = TUNED) -> dict[float, Floats]:
-    """Return the best parameters (scenarios, k) for each weight of the evaluation; empty if a weight is missing."""
+    """Return the best parameters (scenarios, k) for each time weight of the evaluation; empty if one is missing."""
     by_weight, weights = read_bound(setup, folder), setup.evaluation.weights
     return {weight: by_weight[weight] for weight in weights} if by_weight.keys() >= set(weights) else {}

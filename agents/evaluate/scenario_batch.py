@@ -82,7 +82,7 @@ class ScenarioBatch:
 
     @classmethod
     def of(cls, name: str, count: int | None = None, task: Task | None = None, **options: Any) -> "ScenarioBatch":
-        """Return a batch of the evaluation set `name`, or its first `count` scenarios; `options`: of `ScenarioBatch`.
+        """Return a batch of the evaluation set `name`, or its first `count` scenarios. `options` go to `ScenarioBatch`.
 
         If the task has its own `scenario` ranges, the scenarios are drawn from these ranges, with the seeds of the set.
         """
@@ -138,7 +138,7 @@ class Validation:
     """Scenarios of the evaluation set `validation`, at several time weights."""
 
     def __init__(self, task: Task, weights: Sequence[float], scenarios: int, **options: Any) -> None:
-        """Take the first `scenarios` of the set, each at all `weights` (m/s per s). `options`: of `ScenarioBatch`."""
+        """Take the first `scenarios` of the set, each at all `weights` (m/s per s). `options` go to `ScenarioBatch`."""
         self.weights, count = tuple(weights), min(scenarios, evaluation_sets.load("validation").count)
         options |= {"copies": len(self.weights), "time_weight": self.weights, "lenient": True}
         self.batch = ScenarioBatch.of("validation", count, task, **options)
@@ -158,7 +158,7 @@ WITHIN_STEP = (0.25, 0.5, 0.75, 1.0)
 
 
 class Travel:
-    """Largest change (m) of each row's deflection since the start: `deflection` up to the touch, `stroke` up to now."""
+    """Largest change (m) of each row's deflection since the start: `deflection` until the touch, `stroke` until now."""
 
     def __init__(self, rows: int) -> None:
         self.deflection, self.stroke = np.zeros(rows), np.zeros(rows)

@@ -124,7 +124,7 @@ def values(spec: ObservationSpec) -> dict[str, str]:
 
 
 def _scale(entry: Quantity, value: str) -> tuple[str, float, float, float]:
-    """Return the scale's curve at `value` as a C expression, and the low end, gain and scaled low end of the scale."""
+    """Return C code for the scale's curve at `value`, and the low end, gain and scaled low end of the scale."""
     low, gain = affine(entry.scale)
     bent = value if entry.scale.curve == "linear" else f"{entry.scale.curve}({value})"
     return bent, low, gain, entry.scale.scaled_low

@@ -52,7 +52,7 @@ class Subject:
     """A controller to export: a policy, or a rule with its parameters for one time weight or several."""
 
     def __init__(self, controller: Policy | Rule, validation: Any = None, command: str = "") -> None:
-        """Describe a controller. Default `validation` (scores, JSON) and `command`: from the policy's provenance."""
+        """Describe a controller. A policy's provenance has the default `validation` (scores, JSON) and `command`."""
         if not isinstance(controller, Policy | Rule):
             raise ValueError(f"controller must be a policy or a rule to be exported, got {type(controller).__name__}")
         self.controller, self.task = controller, controller.task
@@ -72,7 +72,7 @@ class Subject:
 
     @cached_property
     def contract(self) -> dict[str, str]:
-        """The entries of the contract by name, as JSON that is safe inside a comment in C; see `_plain`."""
+        """The entries of the contract by name. Each entry is JSON that is safe inside a comment in C, see `_plain`."""
         content = {name: _plain(value) for name, value in self._entries()}
         digest = hashlib.sha256(json.dumps(content).encode())
         arrays = [self.controller.parameters] if isinstance(self.controller, Rule) else []
@@ -120,7 +120,7 @@ def _plain(value: Any) -> str:
 
 
 def of_baseline(name: str, setup: Setup | None = None, folder: Path | None = None) -> Subject:
-    """Return a tuned baseline, see `read_tuned`, or one of FIXED for the environment of `setup`."""
+    """Return a tuned baseline (see `read_tuned`), or a baseline of FIXED for the environment of `setup`."""
     if name in FIXED:
         rule: Any = load_baseline(name)
         return Subject(rule.for_task(setup.task) if setup else rule)

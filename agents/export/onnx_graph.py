@@ -13,7 +13,7 @@ IR_VERSION = 8  # version of ONNX's file format; ONNX runtimes since 2022 read t
 
 
 def write_onnx(subject: Subject, path: Path) -> Path:
-    """Write a policy's graph, from `observation` (n, n_obs) to `action` (n, k) for any n, with the contract."""
+    """Write a policy's graph, from `observation` (n, n_obs) to `action` (n, k) for any n. It contains the contract."""
     if subject.policy is None:
         raise ValueError(f"only a policy has a network for ONNX, got {type(subject.controller).__name__}")
     try:

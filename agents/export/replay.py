@@ -24,14 +24,14 @@ class Log(NamedTuple):
     """Sensors and commands of episodes, step by step; a row is an episode."""
 
     sensors: Floats  # (steps, rows, fields), readings in SI units
-    commands: Floats  # (steps, rows, 2), velocity (m/s), acceleration (m/s^2); with an operator, the last in the step
+    commands: Floats  # (steps, rows, 2), velocity (m/s), acceleration (m/s^2); with an operator, at the step's end
     late: Floats  # (steps, rows), m/s, an operator's command that arrived within the step; nan: none
     steps: NDArray[np.int64]  # (rows,), number of steps of each episode
     time_weight: Floats  # (rows,), m/s per s
 
 
 def logged(subject: Subject, episodes: int) -> Log:
-    """Play episodes and return the log; for a rule, the time weights reach beyond the tuned weights."""
+    """Play episodes and return the log. The time weights of a rule are drawn from a range wider than the tuned one."""
     task = subject.task
     if subject.policy is None:
         task = task.changed({"time_weight": (0.8 * subject.weights[0], 1.25 * subject.weights[-1])})

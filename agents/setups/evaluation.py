@@ -52,7 +52,7 @@ class Evaluation:
     """Time weight, m/s per s, of the results that a report shows for one weight only."""
     set: str = "test"
     """Evaluation set that the report plays. If the environment has its own `scenario` ranges, scenarios are drawn from
-    these ranges instead."""
+    these ranges instead, unless the set is `hard`."""
     scenarios: int = 2000
     """Number of scenarios to play, from the first of the set on."""
     varied: Mapping[str, Any] = field(default_factory=lambda: usual({}, COMPLIANT))

@@ -47,7 +47,7 @@ class Tuned(NamedTuple):
     rule: str  # name of the rule, one of RULES
     rtol: float = Task.rtol  # relative tolerance of simulations in the search; the validation uses the task's rtol
     clean_alarm: bool = False  # whether the exact contact force raises the alarm in search and validation
-    jitter: float = 0.0  # standard deviation of errors that the search adds to an action, as a fraction of its range
+    jitter: float = 0.0  # standard deviation of the errors that the search adds to actions / range of an action
     scenarios: int = 300  # number of scenarios that each candidate plays in the search
 
 
@@ -65,12 +65,13 @@ class Setup:
     training: Training = field(default_factory=Training)
     tuned: Mapping[str, Tuned] = field(default_factory=dict)  # baselines that the set-up tunes, by name
     against: tuple[str, ...] = ()  # names of compared baselines, besides the paper's rule; the first is the main rival
-    bound: str = ""  # name of the set-up that has the bound: lowest cost of a controller that knows the scenario
+    # name of a set-up whose bound is valid here; the bound is the lowest cost of a controller that knows the object
+    bound: str = ""
     budget: int = BUDGET  # number of candidates that tuning tries for each time weight
     evaluation: Evaluation = field(default_factory=Evaluation)
     fails: str = UNSAID  # where the set-up's policy fails, in words
     path: Path = Path()
-    mixed: tuple[tuple[float, Mapping[str, Any]], ...] = ()  # pairs: fraction of training environments, new arguments
+    mixed: tuple[tuple[float, Mapping[str, Any]], ...] = ()  # pairs: share of training environments, changed arguments
     seeds: int = SEEDS  # number of trainings, with seeds from 0 on
 
     def make(self, **more: Any) -> gym.Env[Any, Any]:
@@ -124,7 +125,7 @@ def owner(baseline: str, setup: Setup | None = None) -> Setup | None:
 
 
 def load_setup(name_or_path: str | Path) -> Setup:
-    """Return a shipped set-up, by name, or the set-up in a file; TypeError, ValueError: it is missing or invalid."""
+    """Return a shipped set-up, by name, or the set-up in a file. TypeError, ValueError: it is missing or invalid."""
     path = named_file("set-up", name_or_path, SHIPPED, ".toml")
     return deepcopy(_loaded(path.resolve(), path.stat().st_mtime_ns))
 
@@ -138,7 +139,7 @@ def _loaded(path: Path, _: int) -> Setup:
 
 
 def _read(path: Path, extended: tuple[Path, ...] = ()) -> dict[str, Any]:
-    """Return the content of a file; the INHERITED tables also have the keys of the set-up in `extends`."""
+    """Return the content of a file. The INHERITED tables also get the keys of the set-up that `extends` names."""
     content: dict[str, Any] = parsed(path, "TOML", tomllib.loads)
     with within(str(path)):
         _read_delays(table(content, "environment"), path.parent)

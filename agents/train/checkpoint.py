@@ -25,7 +25,7 @@ from impact_gym.files import write_file
 FORMAT = "impact_gym checkpoint 3"
 # attributes of stable-baselines3 2.9, some of them private; a test checks that a resumed training has the same result
 COUNTERS = ("num_timesteps", "_n_updates", "_episode_num", "_current_progress_remaining")
-UNWRITTEN = ("name_to_value", "name_to_count", "name_to_excluded")  # attributes of the logger with unwritten values
+UNWRITTEN = ("name_to_value", "name_to_count", "name_to_excluded")  # logger attributes that hold unwritten values
 
 
 def write(path: Path, model: Any, callback_state: Mapping[str, Any], training: Training) -> None:
@@ -81,7 +81,7 @@ def _pack(arrays: dict[str, NDArray[Any]], value: Any) -> dict[str, str]:
 
 
 def _unpack(arrays: Mapping[str, NDArray[Any]], table: dict[str, Any]) -> Any:
-    """Return the value of a JSON table; a key of digits becomes a number again."""
+    """Return the tensor or array that a table of `_pack` stands for; in other tables, make keys of digits numbers."""
     match table:
         case {"tensor": name}:
             return torch.from_numpy(arrays[name])

@@ -21,7 +21,7 @@ class Teacher:
     """A baseline to imitate, with the tuned parameters that have the lowest cost at each episode's time weight."""
 
     def __init__(self, setup: Setup, name: str, privileged: bool = True) -> None:
-        """Make a teacher: one of FIXED, a tuned baseline of `setup`, or a shipped one; `privileged`: see `Task`."""
+        """Make a teacher from one of FIXED, a tuned baseline of `setup`, or a shipped one; `privileged`: see `Task`."""
         rules, means, self.checksum = [FIXED[name]()] if name in FIXED else [], [(0.0, 0.0)], name
         if not rules:
             content = read_tuned(name, setup=setup)
@@ -37,8 +37,8 @@ class Teacher:
     def actions(self, observations: NDArray[Any], episode_starts: NDArray[Any]) -> NDArray[np.float32]:
         """Return the teacher's actions (steps, envs, k) for `observations` (steps, envs, n_obs).
 
-        With `privileged` and `alarm="reading"`, the observations contain the time since a switch would have raised the
-        alarm. The teacher then gets the alarm of this switch. At the first step, the teacher has no memory.
+        With `privileged` and `alarm="reading"`, the observations contain the time since the alarm that `alarm="force"`
+        would raise. The teacher then gets that alarm. At the first step, the teacher has no memory.
         """
         spec, time_weight = self.spec, self.spec.decode(observations, "time_weight")
         if "time_since_touch" in spec.ids:

@@ -26,7 +26,7 @@ CENTRE_AND_SPREAD = {
     "force": (0.05, 0.1),
     "force_peak": (0.15, 0.25),
     "time_weight": (0.0, 0.3),
-    "distance_estimate": (0.05, 0.1),  # small, so that the networks notice an estimation error of 10 mm
+    "distance_estimate": (0.05, 0.1),  # small spread, so that the networks notice an estimation error of 10 mm
     "range_noise": (0.3, 0.2),
     "deflection": (0.0, 0.2),
     "object_mass": (0.15, 0.3),

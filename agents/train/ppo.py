@@ -121,7 +121,7 @@ class ScaledRewards(VecEnvWrapper):
         return {"scale": self._scale, "envs": self._envs.get_state()}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Restore a state from `get_state`; ValueError: a state of other environments."""
+        """Restore a state from `get_state`. ValueError: the state is from other environments."""
         scale = array("scale of a state", state.get("scale"), self._scale.shape, "f")
         self._envs.set_state(state.get("envs", {}))
         self._scale = scale

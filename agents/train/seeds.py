@@ -62,10 +62,10 @@ def train_one(folder: str, made_for: Mapping[str, Any]) -> dict[str, bytes]:
         except OSError:  # for example, this node of a cluster cannot access the folder
             run = Path(elsewhere) / run.name
         if (run / "config.json").is_file():
-            _refuse_another(str(run), made_for)  # again, because `train_seeds` may run on another machine
+            _refuse_another(str(run), made_for)  # checked again, because `train_seeds` may run on another machine
             resume(run)
         else:
-            shutil.rmtree(run, ignore_errors=True)  # left by a training that was killed before it wrote config.json
+            shutil.rmtree(run, ignore_errors=True)  # remains of a training that was killed before it wrote config.json
             train(Run.of_record(made_for["settings"]), run)
         return {name: (run / name).read_bytes() for name in KEPT}
 

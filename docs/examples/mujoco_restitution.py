@@ -37,7 +37,7 @@ def solref(contact: ig.Contact, speed: float) -> tuple[float, float]:
 
 
 def model(stiffness: float, damping: float, step: float, ahead: float, d: float = 0.9) -> tuple[Any, Any]:
-    """Return model and data: both bodies on sliders, a gap of `ahead` (m) between them, impedance `d` at all depths."""
+    """Return MuJoCo's model and data of two bodies on sliders, `ahead` (m) apart; impedance `d` at all depths."""
     words = {"step": step, "ahead": 0.1 + ahead, "d": d, "tool": TOOL, "object": OBJECT}
     loaded = mujoco.MjModel.from_xml_string(MODEL.format(solref=f"-{stiffness} -{damping}", **words))
     return loaded, mujoco.MjData(loaded)
@@ -56,10 +56,10 @@ def strike(stiffness: float, damping: float, step: float, speed: float = 1.0) ->
 
 
 def approach(stiffness: float, damping: float, d: float, spring: float, step: float = 1e-4) -> float:
-    """Return V_p (m/s), the object's final velocity, with the paper's rule and a critically damped spring (N/m)."""
+    """Return V_p (m/s), the object's final velocity, for the paper's rule and a critically damped `spring` (N/m)."""
     loaded, data = model(stiffness, damping, step, 0.2505, d)
     position = velocity = 0.0  # m, m/s, of the flange
-    resistance, alarm = 2 * sqrt(spring * TOOL), 10.0  # damping, N s/m; time of the alarm, s (10: none yet)
+    resistance, alarm = 2 * sqrt(spring * TOOL), 10.0  # N s/m, damping; s, time of the alarm (10: no alarm yet)
     for i in range(round(0.6 / step)):
         target = 1.0 if i * step < alarm + 0.016 else 0.0
         change = max(-8.0 * step, min(8.0 * step, target - velocity))

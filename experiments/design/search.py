@@ -22,7 +22,7 @@ from impact_gym.validation import number, whole
 
 RTOL = 1e-5  # relative tolerance of the simulation in a search
 PENALTY = 2.0  # m/s, cost of exceeding a limit or the allowed mean approach time by 100 %
-MARGIN = 1.2  # ratio of the largest errors in a search to `tolerance`; above 1, because a search lacks rare scenarios
+MARGIN = 1.2  # a search draws errors up to MARGIN * tolerance, because its few scenarios contain no rare extremes
 CONTACT = ("contact_stiffness", "restitution")
 WITHIN = 0.95  # fraction of the episodes in which the peak force must be at most the limit
 UNITS = {"deflection": "m", "stroke": "m", "peak_force": "N", "touched_once": "-"}
@@ -90,7 +90,7 @@ class Candidate:
         return RULES[self.rule].of(self.parameters if parameters is None else parameters).for_task(self.task)
 
     def contact(self, stage: ScenarioBatch) -> dict[str, Floats]:
-        """Return contact stiffness (N/m^1.5) and restitution of each scenario through the pad; empty without a pad."""
+        """Return contact stiffness (N/m^1.5) and restitution of each scenario with the pad; empty without a pad."""
         if not self.pad:
             return {}
         scenario = stage.play(self.controller()).scenario  # `play` draws the scenarios

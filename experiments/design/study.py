@@ -29,11 +29,11 @@ DEPENDS = (
     "impact_gym", "agents.baselines", "agents.evaluate", "agents.setups",
     *(f"experiments.design.{name}" for name in ("variables", "pads")),
 )  # fmt: skip
-# baselines at which searches start, by rule and by whether the coupling is bistable
+# baseline at which a search starts, by rule and by whether the coupling is bistable
 STARTS = {("BlindProfile", False): "blind-profile", ("BlindProfile", True): "bistable-blind-profile"}
 Row = Mapping[str, Any]
 """A row with the columns ENTRY. `line`: line of the chart. `allowed`: largest mean approach time, divided by that of
-the paper's rule. `seed` and `loss` (m/s) are of the search; `rule`, `design` and `parameters` are of the candidate."""
+the paper's rule. `seed` and `loss` (m/s) belong to the search; `rule`, `design`, `parameters` define the candidate."""
 BLANK = {"rule": None, "design": "{}", "parameters": "[]"}
 PAPERS_RULE: Row = {
     "line": PAPER, "allowed": 1.0, "seed": 1, "loss": np.nan, "rule": "ConstantSpeed", "design": "{}",
@@ -48,7 +48,7 @@ class Search:
     options: DesignOptions
 
     def candidate(self, row: Row) -> Candidate:
-        """Return the candidate of a row; each episode of the chosen design draws errors of the design's numbers."""
+        """Return the candidate of a row. The numbers of the chosen design get random errors in each episode."""
         options, row = self.options, {**BLANK, **row}
         rule, parameters, design = row["rule"] or options.rule, json.loads(row["parameters"]), json.loads(row["design"])
         others = {PAPER: options.others[SPRING], **options.others}

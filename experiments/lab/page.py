@@ -29,7 +29,7 @@ def typeset(text: str) -> Markup:
     return Markup(POWER.sub(r"<sup>\1\2</sup>", SYMBOL.sub(r"\1<sub>\2</sub>", unbroken)))
 
 
-MACROS: Mapping[type, str] = {  # macros of lab/parts.html.jinja, by the type of a section's part
+MACROS: Mapping[type, str] = {  # the macro in lab/parts.html.jinja for each type of part
     str: "paragraph", Markup: "markup", Table: "table", HeatMap: "heat_map", Picture: "picture"
 }  # fmt: skip
 
@@ -37,7 +37,7 @@ MACROS: Mapping[type, str] = {  # macros of lab/parts.html.jinja, by the type of
 def write(folder: Path, template: str, **content: Any) -> Path:
     """Write `folder`/index.html from a template below experiments/, and return the path of the page.
 
-    The template can use `content`, the filter `typeset` and the module `player`. `content` must have `runs` (records).
+    The template can use `content`, the filter `typeset` and the module `player`. `content` must have the list `runs`.
     `image(picture)` writes `folder`/NAME.svg and returns a URI; `macro_name(part)` returns the name of a part's macro.
     """
 

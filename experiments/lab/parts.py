@@ -23,14 +23,14 @@ class Table:
 
     @classmethod
     def of(cls, caption: str, frame: pl.DataFrame | Iterable[Mapping[str, Any]], columns: Mapping[str, str]) -> "Table":
-        """Return a table of rows (a frame or mappings); `columns` maps each heading to a format string for a row."""
+        """Return a table of the rows in `frame`; `columns` maps each heading to a format string for a row."""
         rows = frame.to_dicts() if isinstance(frame, pl.DataFrame) else frame
         body = [[form.format(**row) for form in columns.values()] for row in rows]
         return cls(caption, tuple(columns), body)
 
     @property
     def classes(self) -> list[str]:
-        """CSS class by column: "" if half or more cells look like numbers, "left words" if one is long, else "left"."""
+        """CSS class by column: "" if half or more cells look like numbers, "left words" if any is long, else "left"."""
         found = []
         for column in zip(*self.rows, strict=False):
             numbers = sum(bool(re.match(r"([-+\d]|at (least|most) \d).{,40}$", cell)) for cell in column)
@@ -53,7 +53,7 @@ class HeatMap:
 
     caption: str
     head: Sequence[str]
-    rows: Sequence[tuple[str, str, Sequence[Heat]]]  # changed argument, its values, a `Heat` for each contestant
+    rows: Sequence[tuple[str, str, Sequence[Heat]]]  # name and values of an argument, a `Heat` for each contestant
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ class Resamples:
         self._scenario_shares = _shares((0, 0), scenarios, resamples)
 
     def means(self, values: Floats) -> Floats:
-        """Return means (1 + count, ...) of `values`, (seeds, ..., scenarios) or (scenarios,); row 0: the sample.
+        """Return means (1 + count, ...) of `values`, shape (seeds, ..., scenarios) or (scenarios,); row 0: the sample.
 
         Seeds are resampled independently of scenarios. Calls with the same number of seeds use the same resamples.
         """
@@ -54,7 +54,7 @@ class Resamples:
 
 @lru_cache(maxsize=32)
 def _shares(seed: tuple[int, int], units: int, resamples: int) -> Floats:
-    # with `units` draws, the variance of a mean would be too small by the factor 1 - 1 / units
+    # a resample has units - 1 draws: with more, the variance of a mean would be too small, by 1 - 1 / units
     # (J. N. K. Rao, C. F. J. Wu, J. Am. Stat. Assoc. 83 (1988) 231-241)
     drawn = max(units - 1, 1)
     even = np.full(units, 1.0 / units)

@@ -43,7 +43,7 @@ class Measurement:
 
     name: str  # name of the table
     cells: Callable[[bool, Frames], Iterable[Cell]]  # arguments: whether the run is quick; the tables by name
-    measure: Callable[..., Rows]  # function at the top of a module, so that other processes can import it
+    measure: Callable[..., Rows]  # function at the top level of a module, so that other processes can import it
     depends: tuple[str, ...] = SOLVER  # modules that rows depend on, in addition to the module of `measure`
     failed: Callable[[Row], Row] | None = None  # returns a failed cell's row from its labels; None: raise an error
     seconds: float | None = None  # s, time limit of a cell
@@ -150,7 +150,7 @@ class Run(dict[str, pl.DataFrame]):
     def write(self) -> Path:
         """Measure missing cells, write tables, figures and the page, and return the path of the page.
 
-        The page and results.json list all runs since the last --force. Each record has command, versions, machine, load
+        The page and results.json list all runs since the last --force, each with its command, versions, machine, load
         before the run, and duration in seconds (None: the run did not finish).
         """
         kept, log = self.folder / KEPT, self.folder / "results.json"

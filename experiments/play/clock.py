@@ -47,7 +47,7 @@ class Stick:
         self.let_go = True
 
     def at(self, moment: float) -> float:
-        """Return the velocity (m/s) at `moment` (s): the last input (see HOLD); 0 if stopped or silent (SILENT)."""
+        """Return the command (m/s) at `moment` (s): the last input or HOLD; 0 after `stop` or a silence (SILENT)."""
         inputs = tuple(self.inputs)
         came, velocity = next((each for each in reversed(inputs) if each[0] <= moment), inputs[0])
         if self.let_go or moment - came > SILENT:
@@ -121,7 +121,7 @@ class Clock:
             self._send_frame(live, seen, rng)
 
     def _send_frame(self, live: Live, seen: bool, rng: random.Random) -> None:
-        """Send a frame: positions (m) now and one step later; `wait` (delay) and `dt` (step) are in real time (s)."""
+        """Send a frame: positions (m) now and one step later, and in real time (s) the delay `wait` and step `dt`."""
         now, record, slow = live.batch.bodies(), live.kept.record, live.kept.slow
         then = now if live.ended else live.ahead()
         late = record["downlink.delay"] + record["downlink.jitter"] * min(rng.expovariate(1.0), CUT)
@@ -147,7 +147,7 @@ def run(server: Connection, theirs: Connection) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server stops the clock, Ctrl-C does not
     clock = Clock(server)
     threading.Thread(target=clock.listen, daemon=True).start()
-    with suppress(OSError, AttributeError):  # real-time priority needs permission, and Linux
+    with suppress(OSError, AttributeError):  # real-time priority needs Linux and permission
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
     while (wanted := clock.wanted.get()) is not None:
         clock.play(*wanted)

@@ -57,7 +57,7 @@ def _changed(this: Try, setup: str = "", assist: str = "", **changes: Any) -> Tr
 
 
 def _without_delay(this: Try) -> Try:
-    """Return a try without delays. Left out: commands that arrived after the touch but were sent before it was seen."""
+    """Return a try without delays, and without commands sent before the touch was seen that arrived after the touch."""
     record, touch, velocity = this.record, this.result["touch_time"], this.operator["velocity"]
     silent = {f"{way}.{name}": 0.0 for way in ("uplink", "downlink") for name in ("delay", "jitter")}
     sent = math.floor((touch - record["uplink.delay"]) / PERIOD)
@@ -81,7 +81,10 @@ def film(variants: Mapping[str, Variant]) -> dict[str, Any]:
 
 
 def _fitted(scene: Mapping[str, Any]) -> list[list[float]]:
-    """Return the clock of a film of SECONDS. The first tenth of the film ends BEFORE (s) before the first touch."""
+    """Return the clock of a film of SECONDS: pairs of a simulated time (s) and the slow-motion factor from then on.
+
+    If the first touch comes later than BEFORE (s), the first tenth of the film ends BEFORE (s) before this touch.
+    """
     touches = [run["contacts"][0][0] for run in scene["runs"] if run["contacts"]]
     cut = max(min(touches, default=0.0) - BEFORE, 0.0)
     starts, slower = np.array(scene["clock"]).T

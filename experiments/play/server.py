@@ -46,7 +46,7 @@ class Client:
         self._allowance, self._last_message = RATE, time.monotonic()
 
     def enqueue(self, message: dict[str, Any]) -> None:
-        """Queue a message; a frame replaces a frame that is last in the queue."""
+        """Queue a message. A frame replaces the last message in the queue if that message is a frame, too."""
         if message["kind"] == "frame" and self._queue and self._queue[-1]["kind"] == "frame":
             self._queue.pop()
         self._queue.append(message)
@@ -61,7 +61,7 @@ class Client:
                     await asyncio.wait_for(self.socket.send(json.dumps(self._queue.pop(0))), TIME_LIMIT)
 
     async def receive(self) -> Any:
-        """Return the next message of the page; ValueError: it is not JSON, or messages arrive faster than RATE."""
+        """Return the next message of the page. ValueError: it is not JSON, or messages arrive faster than RATE."""
         try:
             message = json.loads(await self.socket.recv())
         except (ValueError, RecursionError):
@@ -163,7 +163,7 @@ async def _run(session: Session, listening: socket.socket, ready: Callable[[str]
 
 
 def serve(session: Session, port: int, ready: Callable[[str], None]) -> None:
-    """Serve until stopped; call `ready` with the address; ValueError: the port is in use or out of range."""
+    """Serve until interrupted, and call `ready` with the address. ValueError: the port is in use or out of range."""
     number("port", port, "-", at_least=0, at_most=65535)
     try:
         listening = socket.create_server((HOST, port))

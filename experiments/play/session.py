@@ -1,4 +1,4 @@
-"""The session checks messages of pages in the browser, and forwards messages of the clock to the pages."""
+"""The session checks messages of pages, and forwards messages of the clock (the process that runs tries) to pages."""
 
 import asyncio
 import multiprocessing
@@ -31,7 +31,7 @@ class Session:
         self.clients: list[Any] = []  # connected pages; the first page steers
         self.setups = {name: about(playable(name)) for name in related(setup).values()}
         self.busy, self._speeds = False, (-1.0, 1.0)  # whether a try is in progress; velocity range of the arm, m/s
-        self._seen_at, self._newest = 0.0, -1  # s, when pages show the latest frame; number of the newest frame shown
+        self._seen_at, self._newest = 0.0, -1  # s, time when pages show the latest frame; number of the newest frame
         self.history: deque[dict[str, Any]] = deque(maxlen=MAX_ON_CHART)
         self.left_out = list[str]()  # reasons for which .json files are left out
         for path in sorted(folder.glob("*.json")):

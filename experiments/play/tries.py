@@ -31,7 +31,7 @@ class Try:
     setup: str
     assist: str
     seed: int
-    record: dict[str, float]  # numbers of the episode's record: before the try, the chosen ones; then all
+    record: dict[str, float]  # numbers of the episode's record; before the try only the chosen ones, then all
     operator: dict[str, Any] = field(default_factory=PERSON.copy)  # PERSON becomes a Replay of the person's commands
     slow: float = 1.0  # ratio of the duration in real time to the simulated time
     environment: dict[str, Any] = field(default_factory=dict)  # arguments of the environment, without the operator

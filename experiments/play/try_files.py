@@ -64,7 +64,7 @@ def folder_of(folder: Path) -> Iterator[tuple[Path, Try]]:
 
 
 def of_persons(folder: Path, marked: bool = False) -> list[Try]:
-    """Return persons' tries in a folder; `marked`: also marked ones. ValueError: no tries, or environments differ."""
+    """Return persons' tries in a folder, with `marked` also marked ones. ValueError: none, or several environments."""
     every = [this for _, this in folder_of(folder) if this.operator["type"] == "Replay"]
     found = [this for this in every if marked or not this.marks]
     if not found:

@@ -16,7 +16,7 @@ from experiments.reference.chain import Chain
 from experiments.reference.integration import SOLVERS
 from experiments.reference.motion import ContactRecord, Motion
 
-STIFF_RATES = 1e5  # limit of a stop's decay rate times the duration; above it, flight needs an implicit method
+STIFF_RATES = 1e5  # limit of (decay rate of a stop) * duration; above the limit, flight needs an implicit method
 
 
 @dataclass(frozen=True)

@@ -102,7 +102,7 @@ class Chain:
 
 
 class System:
-    """The equations of one flight or one contact, scaled by `scales`."""
+    """The equations of one flight or one contact, scaled by `scales`. A phase is a part with smooth equations."""
 
     def __init__(self, chain: Chain, scales: Scales, touching: bool, damping: float = 0.0) -> None:
         self.chain, self.scales, self.touching, self.on = chain, scales, touching, chain.on

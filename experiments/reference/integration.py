@@ -34,7 +34,7 @@ class Switch:
     name: str
     on: bool
     gauge: Callable[[float, list[float]], float]
-    slack: float = 0.0  # the switch changes when the gauge has passed zero by this amount
+    slack: float = 0.0  # the switch changes when the gauge has passed 0 by this amount, in the gauge's unit
 
     def margin(self, t: float, y: list[float]) -> float:
         """Return a number that is negative if the switch has changed."""
@@ -93,7 +93,7 @@ def _first_turn(
 
 
 def _turns(left: float, middle: float, right: float) -> bool:
-    """Return whether three successive margins have a minimum, near which the margin may be negative."""
+    """Return whether the middle of three successive margins is a minimum, near which the margin may be negative."""
     return middle < left and middle <= right and middle < 2 * (max(left, right) - middle)
 
 

@@ -78,7 +78,10 @@ def _unequal_exponents(e: float, m: float, n: float) -> float:
 
 
 def _isolated_restitution(d: float, m: float, n: float) -> float:
-    """Return -u' at the end of u'' = -u^m - d u^n u', u(0) = 0, u'(0) = 1. End: u'' = 0 if n < m, else u = 0."""
+    """Return -u' at the end of the contact u'' = -u^m - d u^n u' with u(0) = 0 and u'(0) = 1.
+
+    The contact ends when u'' = 0 if n < m, otherwise when u = 0.
+    """
 
     def rates(_: float, y: list[float]) -> tuple[float, float]:
         u = max(float(y[0]), 0.0)

@@ -9,7 +9,7 @@ import numpy as np
 from experiments.reference.chain import UNITS, Chain, Scales, StiffError, System
 from experiments.reference.integration import Switch, Vector, advance, fly
 
-FLIGHT_RTOL, FLIGHT_ATOL = 1e-12, 1e-16  # relative and absolute tolerance (-, m) of flights without a closed form
+FLIGHT_RTOL, FLIGHT_ATOL = 1e-12, 1e-16  # -, m: relative and absolute tolerance in flights without a closed form
 STIFF_RTOL = 1e-8  # least rtol if Radau replaces `method`; with a smaller rtol, Radau would need too many steps
 MOST_STALLED = 16  # largest number of successive phases without duration
 
@@ -61,7 +61,7 @@ class Motion:
 
     @property
     def state(self) -> Vector:
-        """The first six elements of the state y of `experiments.reference.chain`, SI."""
+        """The first six elements of the state y (see `experiments.reference.chain`), in SI units."""
         return self._y[:6] * self._system.scales.state
 
     @property

@@ -91,7 +91,7 @@ class ReportOptions:
 
 
 def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return scenarios and changes of the environment in `source`, see `ReportOptions`; ValueError: invalid."""
+    """Return scenarios and changes of the environment in `source`, see `ReportOptions`; ValueError: it is invalid."""
     path = Path(source)
     if path.suffix == ".json":
         content = parsed(path, "scenarios, JSON", json.loads)

@@ -49,9 +49,9 @@ class Step:
     added: str
     contestant: str
     scenarios: int
-    later: float  # s, 0 if the front includes the rule's time; else the front's nearest end minus that time
+    later: float  # s, the contestant's mean approach time nearest to the rule's, minus the rule's
     limit: str  # words from LIMITS
-    velocity: Gain  # V_p at the mean approach time of the paper's rule, or at the nearest end of the front
+    velocity: Gain  # V_p at the mean approach time of the paper's rule, or at the contestant's nearest time
     weight: float  # typical time weight w, m/s per s
     loss: Gain  # m/s, V_p + w T + cost of misses
 
@@ -76,7 +76,7 @@ def links(played: Played) -> list[Link]:
 
 
 def steps_of(played: Played) -> list[Step]:
-    """Return the steps. If the clairvoyant search has the typical weight, it is the last step, on its own scenarios."""
+    """Return the steps. A clairvoyant search at the typical weight is the last step, on the scenarios it searched."""
     sequence, weight = links(played), played.matchup.typical
     steps = _steps(sequence, played.resamples, weight, policy=len(sequence) - 1)
     if played.bound is None or weight not in played.bound.weights:
@@ -139,7 +139,10 @@ def _cells(gain: Gain, limit: str = "") -> list[str]:
 
 
 def sentence(steps: Sequence[Step]) -> str:
-    """Return a sentence: each step's share of the gain in V_p, or in cost if a step has `later` > 0; "": no shares."""
+    """Return a sentence with each step's share of the gain in V_p; "" if a share is missing, or with only one gain.
+
+    If a step has `later` > 0, the shares are those of the gain in cost.
+    """
     first, *gained = (step for step in steps if step.contestant != BOUND)
     if any(step.later > 0.0 for step in gained):
         before, after = first.loss.value.value, gained[-1].loss.value.value

@@ -24,13 +24,13 @@ class Answer:
     reduction: Estimate  # fraction by which mean V_p of all seeds is below mean V_p of the rule, at the paper's time
     each: tuple[float, ...]  # `reduction` for each seed; empty if the front of a seed does not reach the paper's time
     reached: bool  # whether the policy's front reaches the paper's time; if not, `reduction` is at the nearest end
-    later: float  # time of the front nearest to the paper's time, divided by the paper's time, minus 1; 0 if `reached`
+    later: float  # (t - paper's time) / paper's time, with t the nearest time on the front; 0 if `reached`
     needed: float  # m/s per s, time weight at which the extrapolated front would reach the paper's time; nan: none
     sooner: Estimate  # fraction by which the policy's mean time is below the paper's time, at the rule's mean V_p
     beyond: str  # "slower": all V_p of the front are below V_p of the rule; "faster": all are above; "": neither
     velocity: Estimate  # m/s, V_p of the policy at the paper's time, or at the nearest end of the front, see `reached`
     rival: str  # name of the main baseline if it is tuned, else ""
-    rival_reduction: Estimate | None  # `reduction` of the rival; None: untuned, or always later than the rule
+    rival_reduction: Estimate | None  # `reduction` of the rival; None: it is untuned, or always later than the rule
     improvement: Estimate  # share of scenarios with a touch and a lower V_p than the rule's; an equal V_p counts half
     missed: int  # missed objects in all episodes (all seeds, all weights)
     episodes: int  # number of these episodes
@@ -70,7 +70,7 @@ def answer(played: Played) -> Answer:
 
 
 def _needed(weights: Sequence[float], times: Floats, time: float) -> float:
-    """Extrapolate times (k,) linearly in the log weight; return the weight at `time`; nan: none in 0.01 to 100."""
+    """Extrapolate times (k,) linearly in ln(weight); return the weight at `time`, nan if it is not in 0.01 to 100."""
     order = np.argsort(weights)[-2:] if times.min() > time else np.argsort(weights)[:2]
     (first, last), ends = np.log(np.asarray(weights)[order]), times[order]
     slope = (ends[1] - ends[0]) / (last - first)
@@ -79,13 +79,13 @@ def _needed(weights: Sequence[float], times: Floats, time: float) -> float:
 
 
 def front(resamples: Resamples, runs: Sequence[Run]) -> Front:
-    """Return the front of `runs`, one for each seed, in the first `resamples.scenarios` scenarios."""
+    """Return the mean front of `runs` (one run for each seed) over the first `resamples.scenarios` scenarios."""
     times, velocities = (np.array([run[name][:, : resamples.scenarios] for run in runs]) for name in FRONT)
     return resamples.means(times), resamples.means(velocities)
 
 
 def reductions(played: Played) -> Floats:
-    """Return `Answer.each` as an array (seeds,); (0,) if the front of a seed does not reach the paper's time."""
+    """Return `Answer.each` as an array (seeds,), empty if the front of a seed does not reach the paper's time."""
     ((time, velocity),) = played.paper.front
     times, velocities = np.moveaxis(np.array([run.front for run in played.seeds.values()]), 2, 0)
     if times.min(axis=1).max() > time or times.max(axis=1).min() < time:
@@ -149,7 +149,7 @@ def at_rule_time(answer: Answer, played: Played) -> str:
 
 
 def assisted(played: Played, intervals: bool = False) -> str:
-    """Return in words the object's slide and the time until all is done, for each assistance."""
+    """Return in words the mean slide of the object and the mean duration of an episode, for each assistance."""
     weight, plain = played.matchup.typical, {each.name: each.plain for each in played.matchup.baselines}
     contestants = {f"the {POLICY}": list(played.seeds.values())}
     contestants |= {plain[name]: [run] for name, run in played.baselines.items()}

@@ -15,13 +15,13 @@ from experiments.report.played import MISSED_TOO_OFTEN, Played
 from impact_gym.quantities import QUANTITIES
 from impact_gym.task import evaluation_sets
 
-WORDS = {  # plain names of changed arguments; other arguments: see `factor`
+WORDS = {  # plain names of some arguments; `factor` names all arguments
     "force_noise": "noise of the force sensor",
     "range_noise": "error of the distance estimate",
     "robot": "compliant robot",
     "scenario": "objects outside the training ranges",
 }
-SHOWN = {"s": ("ms", 1e3), "m": ("mm", 1e3), "%": ("%", 100.0)}  # by unit: the printed unit, and the factor for it
+SHOWN = {"s": ("ms", 1e3), "m": ("mm", 1e3), "%": ("%", 100.0)}  # for each unit: the printed unit, and the factor
 Row = dict[str, Any]
 
 
@@ -30,11 +30,11 @@ class Failing(NamedTuple):
 
     controller: str  # plain name with article
     worst: str  # the worst change in one line, or the statement that there is none
-    details: str  # for each rival and argument, the mildest failing change; the worst change, if over 1 % missed
+    details: str  # for each argument, the mildest change under which a rival wins; the most misses, if over 1 %
 
 
 def cells(matchup: Matchup, scenarios: Mapping[str, Any]) -> Iterator[Cell]:
-    """Yield a cell for each change and each of `Matchup.rivals`, at the typical time weight."""
+    """Yield a cell (a job) for each change and each of `Matchup.rivals`, at the typical time weight."""
     for change in variants(matchup.evaluation, matchup.environment):
         played = scenarios
         if change.scenarios:
@@ -69,7 +69,7 @@ def setting(change: Change) -> str:
 
 
 def outcomes(played: Played, controller: str = POLICY) -> pl.DataFrame:
-    """Return a row for each contestant under each change; `Matchup.policy` is called POLICY.
+    """Return a row for each contestant under each change; `Matchup.policy` has the name POLICY.
 
     Columns: the means `V` (m/s), `T` (s) and `loss` (cost, m/s); `missed`, the number of missed objects among `of`
     objects; `more` (m/s), the extra cost of `controller` over this contestant, or 0 if below two standard errors;
@@ -92,7 +92,7 @@ def outcomes(played: Played, controller: str = POLICY) -> pl.DataFrame:
 
 
 def where_it_fails(played: Played, name: str) -> Failing:
-    """Return where a contestant fails: it costs more than another contestant, or misses over 1 % of objects.
+    """Return where a contestant fails: its cost is above another's, or it misses over 1 % of objects.
 
     Only rule, rival and policy play under changes; for any other `name`, the result is about the policy.
     """

@@ -21,7 +21,7 @@ from impact_gym.task import Task
 
 JSON = Mapping[str, Any]
 PLAYING = (*grid.PLAYED, __name__, grid.__name__)  # modules on which results depend
-FEWER = 500  # largest number of scenarios for each change of the environment, and for deflections
+FEWER = 500  # largest number of scenarios of a job for `varied` (changed environments) or `travelled` (deflections)
 HALVINGS = 9  # number of bisections of the logarithmic range of weights; enough for an error of 1 % in the weight
 CALIBRATION_SCENARIOS = 500  # largest number of scenarios on which `play_as_late` finds a weight; a table is used whole
 
@@ -29,7 +29,7 @@ CALIBRATION_SCENARIOS = 500  # largest number of scenarios on which `play_as_lat
 def play_matchups(
     matchups: Sequence[Matchup], folder: Path, depends: str, processes: int | None, cluster: str | None
 ) -> list[Played]:
-    """Return the results of each matchup; a result in `folder` with the same text `depends` is reused."""
+    """Return the results of each matchup; results in `folder` are reused if they have the same text `depends`."""
     played = [Played(matchup) for matchup in matchups]
     # the last default set-up has the longest jobs, so its jobs start first
     jobs = [(each, *job) for each in reversed(played) for job in jobs_of(each.matchup)]
@@ -85,7 +85,7 @@ def measured(where: str, arguments: JSON) -> Any:
 
 
 def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: Sequence[float]) -> Arrays:
-    """Return results (1, scenarios) at the weight with a mean approach time near the rule's, and this `weight`."""
+    """Find the weight that gives about the rule's mean approach time; return results (1, scenarios) and `weight`."""
     choosing, task = calibration_scenarios(scenarios), Task(**environment)
 
     def mean_time(weight: float, player: Controller) -> float:
@@ -103,7 +103,7 @@ def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: 
 
 
 def calibration_scenarios(scenarios: JSON) -> dict[str, Any]:
-    """Return scenarios for `play_as_late`: validation set, the same ranges with other seeds, or the same table."""
+    """Return other scenarios for `play_as_late`: the set `validation`, or ranges with new seeds; a table is kept."""
     count = min(CALIBRATION_SCENARIOS, scenarios["count"])
     if "set" in scenarios:
         return {"set": "validation", "count": count}
@@ -113,7 +113,7 @@ def calibration_scenarios(scenarios: JSON) -> dict[str, Any]:
 
 
 def travelled(controller: JSON, environment: JSON, scenarios: JSON, weights: Sequence[float]) -> Arrays:
-    """Return arrays (1, scenarios) of the largest deflections (m): `before` the first touch, and `in_all`."""
+    """Return arrays (1, scenarios), the largest deflections (m): `before` the first touch, `in_all` in the episode."""
     (weight,), task = weights, Task(**environment)
     batch = scenario_batch_of(scenarios, weight, task)
     travel = Travel(batch.count)

@@ -26,7 +26,7 @@ RULE = "paper-trapezoid"  # name of the paper's rule among the baselines
 POLICY = "learned policy"
 IMITATES = "its training begins by imitating"
 BOUND = "clairvoyant search"
-PLAIN = {  # plain names, by the class of a tuned baseline or the name of a fixed baseline
+PLAIN = {  # names for readers, by the class of a tuned baseline or the name of a fixed baseline
     "BlindProfile": "tuned profile",
     "ConstantDeceleration": "tuned even braking",
     "ConstantSpeed": "tuned constant speed",
@@ -104,12 +104,12 @@ class Matchup:
 
     @property
     def typical(self) -> float:
-        """The typical time weight of the set-up (m/s per s), or the nearest weight at which the policy plays."""
+        """The policy's time weight (m/s per s) that is nearest to the typical weight of the set-up."""
         return min(self.policy.weights, key=lambda weight: abs(weight - self.evaluation.typical))
 
     @property
     def weights(self) -> tuple[float, ...]:
-        """Weights (m/s per s) of the evaluation at which the policy plays; if there are none, all of the policy."""
+        """Weights (m/s per s) of the evaluation at which the policy plays; if there are none, the policy's weights."""
         weights = tuple(weight for weight in self.evaluation.weights if weight in self.policy.weights)
         return weights or self.policy.weights
 
@@ -144,7 +144,10 @@ def of_setup(
 
 
 def _with_policies(matchup: Matchup, policies: Mapping[str, Policy], time_weight: float | None) -> Matchup:
-    """Return the matchup with `policies`. Weights: those of the evaluation in the trained range, else its low end."""
+    """Return the matchup with `policies`, which play at the evaluation's weights within the range of their training.
+
+    If no weight is within this range, they play at the lower end of the range.
+    """
     policy, evaluation = policies[matchup.chosen], matchup.evaluation
     trained = policy.environment.get("time_weight", evaluation.typical)
     low, high = trained if isinstance(trained, (list, tuple)) else (trained, trained)
@@ -203,7 +206,7 @@ def of_policies(
         trained_in = {name: value for name, value in loaded.environment.items() if name != "time_weight"}
         arguments = {**trained_in, **changes}
         environment, of_environment = environment_and_scenarios(arguments, scenarios)
-        Policy(loaded.network, Task(**environment), {})  # ValueError: the network does not fit the environment
+        Policy(loaded.network, Task(**environment), {})  # raises ValueError if the network does not fit
         setup = next((setup for setup in map(load_setup, shipped()) if setup.describes(loaded.task)), None)
         called = path.parent.name if path.name in ("best.npz", "final.npz") else path.stem
         name = identifier("policy", re.sub(r"[^A-Za-z0-9.-]+", "-", called)[:100].strip("-.") or "policy")

@@ -15,7 +15,7 @@ from experiments.report.matchups import PAPER, POLICY, Matchup
 from experiments.report.played import Played
 from impact_gym.task import Task
 
-CHOSEN_ON = {  # words for the scenarios of `jobs.calibration_scenarios`; each key is one of `Matchup.scenarios`
+CHOSEN_ON = {  # words for the scenarios of `jobs.calibration_scenarios`; the keys are keys of `Matchup.scenarios`
     "table": "these scenarios themselves", "set": "the first scenarios of the validation set",
     "ranges": "other scenarios from the same ranges",
 }  # fmt: skip

@@ -23,7 +23,7 @@ class Run:
     """Results of one contestant in one matchup."""
 
     weights: tuple[float, ...]  # time weights, m/s per s
-    arrays: Arrays  # results (weights, scenarios), and the fields of the scenarios (scenarios,)
+    arrays: Arrays  # by name: results (weights, scenarios), and fields of the scenarios (scenarios,)
     missed_cost: float = MISSED_COST  # m/s, charge for a missed object
 
     def __getitem__(self, name: str) -> NDArray[Any]:
@@ -61,7 +61,7 @@ class Played:
     seeds: dict[str, Run] = field(default_factory=dict)
     as_late: dict[str, Run] = field(default_factory=dict)  # results of seeds at about the rule's mean approach time
     baselines: dict[str, Run] = field(default_factory=dict)
-    choosing: dict[str, Run] = field(default_factory=dict)  # results in `experiments.report.choice.scenarios`
+    choosing: dict[str, Run] = field(default_factory=dict)  # results in the scenarios of `experiments.report.choice`
     bound: Run | None = None  # results of the clairvoyant search
     varied: list[tuple[Mapping[str, Any], pl.DataFrame]] = field(default_factory=list)  # (labels, rows) of each cell
     travelled: dict[str, Run] = field(default_factory=dict)  # deflections, if the coupling is a spring

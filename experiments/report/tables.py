@@ -113,7 +113,7 @@ def measures(played: Played) -> Table:
 
 
 def trade_off(played: Played, first_screen: bool = False) -> Picture:
-    """Return the chart of V_p against time: all runs, or on the `first_screen` only rule, median seed and rival."""
+    """Return the chart of V_p against time; for the `first_screen`, only with rule, median seed and main baseline."""
     matchup = played.matchup
     until = "all is done" if matchup.operated else "the touch"
     names = (PAPER, matchup.rival.name) if first_screen else played.baselines

@@ -43,7 +43,7 @@ def rate(call: Step, steps: int, seconds: float, clock: Callable[[], float] = ti
 
 
 def stepping(env: Any, act: Callable[[Any], Any] | None = None) -> Step:
-    """Return a function that steps `env` with random actions, or with actions that `act` makes from its last result."""
+    """Return a function that steps `env`. `act` chooses actions from the last step's result; None: random actions."""
     actions = cycle([env.action_space.sample() for _ in range(32)])  # drawn before the timing
     last = env.reset()
 
@@ -57,7 +57,7 @@ def stepping(env: Any, act: Callable[[Any], Any] | None = None) -> Step:
 
 
 def stepped(quick: bool) -> pl.DataFrame:
-    """Return step rates of our and Gymnasium's environments; each rate is the highest of all rounds."""
+    """Return step rates of our and Gymnasium's environments; each rate is the highest of several measurements."""
     batched, rule = gym.make_vec(ID, num_envs=BATCH, rtol=RTOL), PaperTrapezoid()
     steps = [
         (f"{ID}, the paper's rule", BATCH, stepping(batched, lambda last: rule.predict(last[0])[0])),

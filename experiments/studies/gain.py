@@ -38,7 +38,7 @@ class Prior(NamedTuple):
     """Distribution of the object's distance."""
 
     near: float  # m, least distance from the tool
-    far: float  # m, largest distance from the tool; of a memoryless distribution, the 95 % quantile
+    far: float  # m, largest distance from the tool, or its 95 % quantile if `memoryless`
     memoryless: bool = False  # whether the distribution is exponential
 
     @property
@@ -84,7 +84,7 @@ def searches(quick: bool, _: Frames) -> Iterable[Cell]:
 def searched(
     prior: Sequence[Any], rule: str, weight: float, scenarios: int, generations: int, tested: int, population: int = 16
 ) -> pl.DataFrame:
-    """Optimise a rule (not the paper's) on tuning scenarios; return its results in test scenarios."""
+    """Optimise a rule, except the paper's, on tuning scenarios; return its results in test scenarios."""
     place, kind = Prior(*prior), RULES[rule]
     horizon = 1.2 if place.far < 0.5 else 6.0  # s
 

@@ -1,4 +1,4 @@
-"""`impact-gym study speed`: work-precision diagrams (time against error), as in SciMLBenchmarks (Rackauckas et al.)."""
+"""`impact-gym study speed`: work-precision diagrams (error against time), as in SciMLBenchmarks (Rackauckas et al.)."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -23,7 +23,7 @@ COMPARED = (1e-4, 1e-6, 1e-8, 1e-10)  # m/s, errors of V_p at which contenders a
 FINE = 1e-6  # m/s, an error in COMPARED; the answer has the times at this error
 RTOLS = tuple(float(f"1e-{k}") for k in range(3, 14))
 RIVALS = {CAREFUL: tuple(f"{CAREFUL} {method}" for method in contenders.METHODS), PEER: (PEER,)}
-LONGEST = 400.0  # s, time limit of a cell, in which heyoka also compiles
+LONGEST = 400.0  # s, time limit of a cell, including the time in which heyoka compiles
 EDGES = (1e-16, 1e1)  # m/s; errors outside these limits are drawn at the limit
 STYLES: dict[str, dict[str, Any]] = {
     OURS: {"color": SERIES[0], "marker": "o", "linestyle": "-", "linewidth": 2.4, "markersize": 4, "zorder": 3},
@@ -51,7 +51,7 @@ def cheapest(rows: pl.DataFrame, names: Sequence[str], error: float) -> Row | No
 
 
 def ratios(times: pl.DataFrame, errors: Sequence[float] = COMPARED) -> pl.DataFrame:
-    """Return for each approach, rival and error the times of rival and our solver (µs), and the ratio."""
+    """Return a row for each approach, rival and error: the times (µs) of our solver and the rival, and their ratio."""
     rows = []
     for (scene, rival), cell in times.group_by("scene", "rival", maintain_order=True):
         failed = cell.filter(pl.col("contender") != OURS)["failure"].unique().to_list()
@@ -65,7 +65,7 @@ def ratios(times: pl.DataFrame, errors: Sequence[float] = COMPARED) -> pl.DataFr
 
 
 def answer(found: pl.DataFrame) -> str:
-    """Return in words where a rival is faster than impact_gym, and how long the best rival takes at the error FINE."""
+    """Return in words where a rival is faster than impact_gym, and the best rival's time ratio at the error FINE."""
     known = found.filter(pl.col("ratio").is_not_null()).sort("ratio", maintain_order=True)
     faster = [
         f"{row['rival']} takes {row['ratio']:.2f} times as long as impact_gym on '{row['scene']}' at "

@@ -68,7 +68,7 @@ LABELS = ("coupling", "delay", "operator")
 
 
 def table_of_cells(frames: Frames) -> list[dict[str, Any]]:
-    """Return a row by LABELS and assistance: means, and how far slide and cost are below those with the brake."""
+    """Return the means by LABELS and assistance, and how much lower slide and cost are than with the brake."""
     found = list[dict[str, Any]]()
     for labels, rows in grid.groups(frames["episodes"], *LABELS):
         resamples = Resamples(rows["episode"].n_unique())

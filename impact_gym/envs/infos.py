@@ -37,7 +37,7 @@ LINKED = {"touch_time": "approach_time", "done_time": "done_time", "taken": "tak
 """Entries that an info has only with an operator, and their fields in EPISODE."""
 
 OTHERS = ("peak_force", "contact_count", "missed", "status")
-"""The other entries that every info has; `Infos` reads or computes their values."""
+"""Further entries that every info has; `Infos` reads or computes their values."""
 
 
 def numbers_of(tasks: Sequence[Task]) -> dict[str, str]:
@@ -67,7 +67,7 @@ class Infos:
         return [filled(layout, of_row) for layout, of_row in zip(layouts, values, strict=True)]
 
     def columns(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> dict[str, Any]:
-        """Return one info of arrays (size,), with the numbers that any task draws; 0, False or None outside `rows`."""
+        """Return one info of arrays (size,) with the numbers that any task draws; outside `rows`: 0, False or None."""
         size, (numbers, others) = len(episodes), self._values(episodes, chains, rows)
         columns = np.zeros((len(numbers), size))
         columns[:, rows] = numbers

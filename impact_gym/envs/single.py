@@ -1,4 +1,4 @@
-"""The Gymnasium environment: a batch with one row. The docstring of `ImpactApproachEnv` is its specification."""
+"""The Gymnasium environment, a batch of size 1. The docstring of `ImpactApproachEnv` is its specification."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any

@@ -24,8 +24,8 @@ MAX_STEPS = 10  # largest number of steps of `profile`
 BEYOND = (1.6, 2.5)  # `_end` also tries values beyond an end: best value + these multiples of (end - best value)
 MAX_DEVIATION = 1e3  # largest value of `Fit.deviations`
 MIN_IMPROVEMENT = 0.05  # a point replaces the best fit if the misfit falls by more than this; the limit then doubles
-# A fit lacks a blow of a log if the sum of the residuals (measured - fitted) in the blow exceeds two limits: this
-# number of standard deviations of the sum, and this fraction of the sum of the measured force in the blow
+# A fit lacks a blow of a log if the sum of the residuals (measured - fitted) in the blow exceeds two limits: the
+# first number times the sum's standard deviation, and the second number times the sum of the measured force in the blow
 MIN_LEFTOVER = 6.0, 0.5
 
 Ends = tuple[float | None, ...]
@@ -92,7 +92,7 @@ def fit_with_intervals(model: Model) -> tuple[Fit, list[Ends]]:
 
 
 def _minima(model: Model, after: int) -> list[Point]:
-    """Skip the best `after` starting points, run `race` from the next STARTS, and return its fits."""
+    """Skip the `after` best starting points; return the fits of `race` from the next STARTS points."""
     which = slice(after, after + STARTS)
     starts, first = scatter(model)[which], model.of_first_blow()
     if not after and not starts:
@@ -170,7 +170,7 @@ def intervals(fit: Fit) -> tuple[Fit, list[Ends]]:
 
 
 def _end(fit: Fit, i: int, side: int) -> float | None:
-    """Return the end of x[i]'s interval on one `side` (-1, 1), the outermost one of all good minima; None: no limit."""
+    """Return the lower (`side` -1) or upper (`side` 1) end of x[i]'s interval, see `intervals`; None: no limit."""
     limit = fit.quantile**2
     end = profile(fit, i, side, Point(fit.misfit, fit.x))
     for point in fit.others:
@@ -198,7 +198,7 @@ def _is_vague(fit: Fit) -> bool:
 def _refit(fit: Fit, i: int, u: float, near: Point) -> Point:
     """Fit with x[i] = `u`, starting near `near`; raise _BetterError if the misfit is clearly below that of `fit`."""
     points = []
-    # first move `near` along column i of `valley` to x[i] = u; if the misfit stays too large, change only x[i]
+    # first start: `near`, moved along column i of `valley` to x[i] = u; second start, if needed: only x[i] changed
     for along in (fit.valley[:, i] / fit.valley[i, i], np.zeros_like(near.x)):
         start = near.x + along * (u - near.x[i])
         start[i] = u
@@ -211,7 +211,10 @@ def _refit(fit: Fit, i: int, u: float, near: Point) -> Point:
 
 
 def profile(fit: Fit, i: int, side: int, begin: Point) -> float | None:
-    """Return x[i] on one `side` (-1, 1) where misfit - least misfit is about quantile^2; None: it is beyond `reach`."""
+    """Move x[i] from `begin` down (`side` -1) or up (`side` 1) until misfit - least misfit is about quantile^2.
+
+    Return this x[i], or None if x[i] would leave `reach`.
+    """
     first, last = float(begin.x[i]), fit.model.free[i].reach[side > 0]
     inner, outer = (first, math.sqrt(max(begin.misfit - fit.misfit, 0.0) / fit.quantile**2), begin), None
     u = first + side * min((1.0 - inner[1]) * fit.quantile * fit.deviations[i], MAX_STEP)

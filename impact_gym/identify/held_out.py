@@ -18,7 +18,7 @@ from impact_gym.motion import Trapezoid
 from impact_gym.scene import Scene
 
 UNITS = {"object_velocity": "m/s", "peak_force": "N", "impulse": "N s", "duration": "s"}
-"""Units of a blow's quantities: the object's final velocity; peak, integral and width at half peak of the force."""
+"""Units of a blow's quantities: final velocity of the object; peak, integral and width (at half peak) of the force."""
 END = 0.25  # the final velocity is the mean over this last fraction of a log
 
 
@@ -39,7 +39,7 @@ class HeldOut:
     predictions: tuple[Prediction, ...]
 
     def errors(self, quantity: str) -> tuple[Array, Array]:
-        """Return relative errors (blows,) of `Prediction.predicted`, and of `Prediction.equal` as a prediction."""
+        """Return |relative error| (blows,) of `Prediction.predicted`, and of `Prediction.equal` as a prediction."""
         rows = [each[2:] for each in self.predictions if each.quantity == quantity]
         measured, predicted, equal = np.array(rows).reshape(-1, 3).T
         with np.errstate(divide="ignore"):  # a measured value may be 0

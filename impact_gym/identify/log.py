@@ -56,7 +56,7 @@ class Log:
         steps = np.diff(self.time)
         usual = float(np.median(steps))
         padded = np.concatenate([[usual], steps, [usual]])
-        three = padded[:-2] + steps + padded[2:]  # a late sample between two of these steps does not change their sum
+        three = padded[:-2] + steps + padded[2:]  # sum of three steps; a late sample between them does not change it
         return np.where(steps > MAX_GAP * usual, np.maximum(np.rint(three / usual) - 3, 0), 0).astype(np.int64)
 
     @property
@@ -133,7 +133,7 @@ def tool_mass(scene: Scene) -> float:
 
 
 def _refuse_other_force(log: Log, scene: Scene, motion: Trapezoid, sensor: Sensor) -> None:
-    """Raise ValueError if the impulse is too small or, with a known bias, the largest pull exceeds the largest push."""
+    """Raise ValueError if the impulse is too small, or if (with a known bias) the sensor is pulled more than pushed."""
     force = log.columns["force"] - level(log.columns["force"], sensor)
     most, least = float(force.max()), float(force.min())
     if sensor.bias != "estimated" and -least > most:
@@ -151,7 +151,7 @@ def _refuse_other_force(log: Log, scene: Scene, motion: Trapezoid, sensor: Senso
 
 
 def _refuse_clipped(log: Log, name: str) -> None:
-    """Raise ValueError if a column stays at an extreme value other than 0, and clearly differs before and after."""
+    """Raise ValueError if a column is saturated: it jumps to its extreme, stays there, and jumps back. 0 is allowed."""
     values = log.columns[name]
     resolution = np.diff(np.unique(values))
     for end, side in ((values.max(), 1.0), (values.min(), -1.0)):

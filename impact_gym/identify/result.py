@@ -19,7 +19,7 @@ from impact_gym.simulation import simulate
 
 WIDE_RATIO = 2.0  # an interval is wide if the ratio of its larger end to its smaller end exceeds this
 WIDE_RESTITUTION = 0.3  # the restitution's interval is wide if its length exceeds this
-MIN_CORRELATION = 0.95  # two numbers are not separated if their |correlation| exceeds this and one interval is wide
+MIN_CORRELATION = 0.95  # two numbers are not separated if their |correlation| exceeds this and an interval is wide
 
 FALSE_ALARM = 1e-4  # probability that one test of the residuals rejects a correct model
 LAGS = 10  # largest lag, in samples, at which the residuals' autocorrelation is tested
@@ -33,12 +33,13 @@ class Identified:
     """The result of `identify`: estimates of the free numbers in SI units, intervals, and misfits."""
 
     estimate: Mapping[str, float]  # keys are dotted names, such as "object.mass"
-    interval: Mapping[str, Interval]  # at 95 % if `warnings` is empty; ends 0, +-inf and restitution 1 mean: no limit
+    # 95 % confidence if `warnings` is empty; an end of 0 or +-inf, or of 1 for the restitution, means no limit
+    interval: Mapping[str, Interval]
     correlation: Array  # (k, k), of the coordinates (see `model`) of the k free numbers, in the order of `estimate`
     scene: Scene  # the given scene with the estimates
     indistinguishable: tuple[str, ...]  # sentences on what the logs do not determine
     warnings: tuple[str, ...]  # sentences on how the model does not fit the logs; each was also given as a UserWarning
-    start: tuple[float, ...]  # s, for each log the time, on the log's clock, at which the motion began
+    start: tuple[float, ...]  # s, for each log: start of the motion, on the log's clock
     noise: Mapping[str, float]  # standard deviation of each column's noise, known or estimated, in the column's unit
     bias: tuple[Mapping[str, float], ...]  # for each log: bias of each column, known or estimated, in the column's unit
     residuals: tuple[Mapping[str, Array], ...] = field(repr=False)  # for each log and column: measured - fitted, (n,)

@@ -20,13 +20,14 @@ from impact_gym.scene import Scene
 SCATTERED = 40  # number of points of the Latin hypercube
 SEED = 0
 RESTITUTIONS = 0.1, 0.3, 0.5, 0.7, 0.9, 0.98  # restitutions that `from_impulse` tries, if the restitution is free
-PASSES = 8  # of `from_impulse`: largest number of simulations for a starting point
-NEAR = 0.1  # of `from_impulse`: tolerance of |ln(simulated / measured)|, for the impulse and for the blow's width
-HEAVY = 1e3  # of `from_impulse`: largest ratio of the object's mass to the tool's mass
-ROUNDS = 5  # of `race`: number of rounds, each of which ends with a comparison of the fits
-ROUND_EVALUATIONS = 8  # of `race`: largest number of evaluations of a fit's residuals in a round
-MIN_GAP_REDUCTION = 0.2  # a bad fit continues only if a round reduces misfit - least misfit by more than this fraction
-GOOD_MISFIT = 20.0  # a fit is good if misfit - least misfit is below this times (1 + least misfit / number of samples)
+PASSES = 8  # largest number of simulations by `from_impulse` for one starting point
+NEAR = 0.1  # `from_impulse` stops correcting if |ln(simulated / measured)| is below this for impulse and width
+HEAVY = 1e3  # largest ratio of object mass to tool mass that `from_impulse` computes from an impulse
+ROUNDS = 5  # number of rounds in `race`; each round ends with a comparison of the fits
+ROUND_EVALUATIONS = 8  # largest number of times that a round of `race` evaluates the residuals of one fit
+# fraction by which a round must reduce (misfit - least misfit) of a fit that is not good and has not converged
+MIN_GAP_REDUCTION = 0.2
+GOOD_MISFIT = 20.0  # a fit is good if its misfit < least misfit + this * (1 + least misfit / number of samples)
 MIN_DISTANCE = 0.03  # two fits are distinct if a coordinate (see `model`) of a free number differs by more than this
 LARGEST_START = 4.0  # largest |ln(e/(1-e))| of the restitution e at the start of a fit, so that e is 0.018 to 0.982
 FINE, ROUGH = 1e-8, 1e-5  # relative tolerances of least squares: FINE for final fits, ROUGH for intermediate fits
@@ -53,11 +54,11 @@ def scatter(model: Model) -> list[Array]:
 
 
 def from_impulse(model: Model, given: Array) -> list[Array]:
-    """Return points that reproduce roughly the impulse and width of the first log with a force, one per restitution.
+    """Return a point for each restitution; its blow has about the impulse and width of the first log with a force.
 
     With restitution e, speed v and the object's mass m the impulse is (1 + e) v / (1/m + 1/m_tool). The width is
     impulse / peak. For a force k delta^n (penetration delta) the width is proportional to k^(-1/(n + 1)) (Johnson,
-    Contact Mechanics, 1985, sec. 11.4). Each pass simulates a blow and corrects m and k.
+    Contact Mechanics, 1985, sec. 11.4). The function repeats: simulate a blow, then correct m and k.
     """
     places = {number.name: i for i, number in enumerate(model.free)}
     k = next((k for k, log in enumerate(model.logs) if "force" in log.columns), None)

@@ -1,4 +1,4 @@
-"""Readings of a sensor with load cell and low-pass filter. Noise, level at rest and bursts of force in a log."""
+"""Compute readings of a sensor with load cell and low-pass filter; find noise, rest level and bursts in a log."""
 
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
@@ -14,7 +14,7 @@ from impact_gym.validation import number, one_of
 Array = NDArray[np.float64]
 
 GAUSS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(4)
-MIN_STEP = 1e-9  # s; `curve` leaves out a point less than this before the next, as rounding would dominate the slope
+MIN_STEP = 1e-9  # s; `curve` drops a point this close to the next, because rounding errors would dominate the slope
 MIN_HEIGHT = 5.0, 0.2  # a burst exceeds this many standard deviations of noise, and this fraction of the highest burst
 
 
@@ -109,13 +109,14 @@ class Sensor(Parameters):
 
 
 def _filtered(signal: PPoly, nodes: Array, pace: complex, last: float) -> NDArray[Any]:
-    """Return y at `nodes` (k,) for y' = pace (signal - y), with y = 0 at the first node, by Gaussian quadrature."""
+    """Solve y' = pace (signal - y), y = 0 at the first node, by Gaussian quadrature; return y at `nodes` (k,)."""
     h = np.diff(nodes)[:, None]
     inside = nodes[:-1, None] + h * (GAUSS + 1.0) / 2.0
     weight = GAUSS_WEIGHTS * np.exp(-pace * h * (GAUSS[-1] - GAUSS) / 2.0)
     mean = (weight * signal(np.minimum(inside, last))).sum(1) / weight.sum(1)
     kept = np.exp(-pace * h[:, 0])
-    steps = np.array([np.ones(len(nodes)), np.append(-kept, 0.0)])  # the matrix that yields y[k + 1] - kept[k] y[k]
+    # this banded matrix times y is y[0], followed by y[k + 1] - kept[k] y[k]
+    steps = np.array([np.ones(len(nodes)), np.append(-kept, 0.0)])
     return solve_banded((1, 0), steps, np.append(0.0, mean * (1.0 - kept)), check_finite=False)
 
 

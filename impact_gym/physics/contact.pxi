@@ -28,7 +28,7 @@ cdef struct Contact:  # the law of a contact, with the symbols above
     double m  # -, exponent of the stiffness, at least 1
     double n  # -, exponent of the damping, 0 or at least 1
     int64_t twice_m, twice_n  # 2 m and 2 n if they are whole numbers, else -1
-    double nominal  # -, damping factor at the reference velocity; if `reference` is 0, at every velocity
+    double nominal  # -, damping factor at the velocity `reference`, or at every velocity if `reference` is 0
     double reference  # m/s, reference velocity if the hysteresis damping chi is constant; 0: d is constant
     double held  # 1; while the force is kept at 0, because f would be negative, `held` and `damping` are 0
 
@@ -94,7 +94,7 @@ cdef inline double impulse_rate(const Contact *law, double z, double w) noexcept
     cdef double fourth
     if is_hertz(law):
         fourth = (z * z) * (z * z)
-        return fourth * law.held + (fourth * law.damping) * w  # callers know w last; few operations wait for w
+        return fourth * law.held + (fourth * law.damping) * w  # callers compute w last: few operations wait for w
     return z * contact_force(law, z, w)
 
 

@@ -25,7 +25,7 @@ cdef inline int robot_place(const RobotTable *table, double position, double dir
     """Return the index of the interval at `position` (m); -1 before the first break, n after the last."""
     cdef int place = -1
     cdef double near = 1e-9 * (table.breaks[table.intervals] - table.breaks[0])
-    position += copysign(near, direction)  # a break at `position` (up to rounding) counts as passed in `direction`
+    position += copysign(near, direction)  # at a break (up to rounding), choose the interval in `direction`
     while place < table.intervals and table.breaks[place + 1] < position:
         place += 1
     return place
@@ -39,7 +39,7 @@ cdef inline (double, double) robot_bounds(const RobotTable *table, int place) no
 
 
 cdef inline double table_offset(const RobotTable *table, int place, double position, int *interval) noexcept nogil:
-    """Return x - breaks[i] (m), where x is `position` limited to the table; set `interval` to i."""
+    """Return x - breaks[i] (m), where x is `position` limited to the table, in interval i; set `interval` to i."""
     cdef int i = min(max(place, 0), <int> table.intervals - 1)
     interval[0] = i
     if place == i:

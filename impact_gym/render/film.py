@@ -20,8 +20,8 @@ CONTACT_FACTOR = 32  # smallest slow-motion factor while tool and object touch, 
 LARGEST_FACTOR = 1024  # largest slow-motion factor
 SMALLEST_FACTOR = 0.25  # smallest slow-motion factor, for a long simulation after the episode's end
 FRAMES_PER_IMPACT = 16  # about the number of frames of an elastic Hertz impact
-FRAMES_PER_FOLD = 6  # near a touch, about the time to or since the touch divided by the time between frames
-SETTLING_FRAMES = 45  # most frames intended after an episode's end; impacts, rounding and limits of the factor add some
+FRAMES_PER_FOLD = 6  # near a touch, frames are about (time to or since the touch) / FRAMES_PER_FOLD apart
+SETTLING_FRAMES = 45  # intended maximum of frames after an episode's end; impacts, rounding and factor limits add some
 SLOWEST_IMPACT = 1e-3  # m/s; the film of a slower impact has the slow-motion factor of an impact at this speed
 
 

@@ -93,7 +93,7 @@ def _run(equations: Equations, duration: float, rtol: float) -> Blow:
     y, t, touching, status, impact = equations.first, 0.0, False, "ok", None
     touches, parted, peak, sideways = list[float](), list[float](), 0.0, 0.0
     due = 0.0 if servo else math.inf  # s, time of the servo's next sample
-    late = deque[tuple[float, Array]]()  # torques that do not act yet, with the times at which they begin to
+    late = deque[tuple[float, Array]]()  # future torques, each with the time (s) from which they act
     try:
         while t < duration:
             if servo and t >= due:

@@ -86,7 +86,7 @@ class Arm:
         return jacobian
 
     def held_rows(self, angles: ArrayLike) -> Array:
-        """Return the rows of J(q) that a line prescribes: all six or, with under six joints, the three translations."""
+        """Return the rows of J(q) that a line prescribes: all six; for under six joints, the three translations."""
         return self.jacobian(angles)[: 6 if self.holds_orientation else 3]
 
     @cached_property
@@ -101,7 +101,7 @@ class Arm:
         return np.linalg.svd(np.vstack([rows[:3], self.length * rows[3:]]), compute_uv=False)
 
     def condition(self, angles: ArrayLike) -> float:
-        """Return largest / `rank`-th singular value of `held_rows`, with its angular rows multiplied by `length`."""
+        """Return the ratio of the largest to the `rank`-th singular value of `held_rows` (angular rows x `length`)."""
         sizes = self._singular_values(angles)
         return float(sizes[0] / sizes[self.rank - 1]) if sizes[self.rank - 1] > 0.0 else np.inf
 

@@ -19,7 +19,7 @@ from impact_gym.scene import Bistable, Rigid, Scene, SpringDamper
 
 LOST = 0.05  # rad or m; if a motor deviates from its command by this or more, the run ends
 MOST_EVALUATIONS = 400_000  # default limit on evaluations of the equations in a run; 400,000 take about 15 s
-STIFF = 1e5  # 1/s; if the rate of the joints' fastest mode exceeds this, a run without a servo uses an implicit method
+STIFF = 1e5  # 1/s; if the joints' fastest mode has a higher rate, a run without a servo uses the implicit method Radau
 
 
 class Path:
@@ -46,7 +46,7 @@ class Path:
         return self._places[k] + (speed + 0.5 * rate * since) * since, speed + rate * since, rate
 
     def brake(self, detection: float) -> None:
-        """Append braking to rest that begins one delay after `detection` (s), when the force exceeds the threshold."""
+        """Append a brake to rest, one delay after `detection` (s), the time when the force exceeds the threshold."""
         assert isinstance(self._motion, Trapezoid)
         assert self._motion.brake
         t = detection + self._motion.brake.delay

@@ -116,7 +116,7 @@ def _named(robot: Element, kind: str) -> dict[str, Element]:
 
 
 def _only(parent: Element | None, tag: str, name: str) -> Element | None:
-    """Return the only child of `parent` with this tag, or None; messages call the parent by `name`."""
+    """Return the only child of `parent` with this tag, or None; `name` is the parent's name in messages."""
     found = [] if parent is None else parent.findall(tag)
     if parent is not None and len(found) > 1:
         raise ValueError(f"{parent.tag} {name!r} has {len(found)} elements <{tag}>, allowed is one")
@@ -145,7 +145,7 @@ def _downwards(links: Collection[str], elements: Mapping[str, Element]) -> list[
 
 
 def _numbers(what: str, of: Element | None, key: str, unit: str, missing: str, most: float) -> tuple[float, ...]:
-    """Return the numbers in attribute `key`. If it is absent, `missing` replaces it, with one word for each number."""
+    """Return the numbers in attribute `key`, as many as in the text `missing`, which replaces a missing attribute."""
     text = missing if of is None else of.get(key, missing)
     try:
         values = [float(each) for each in text.split()] if "_" not in text else []  # float() would accept 1_0

@@ -1,9 +1,9 @@
 """The outer loop: impose a velocity on the flange, while flights and contacts alternate."""
 
 cdef double GRAZE = 1e-12  # m/s, least approach velocity of a contact; at 0, z and w (`contact.pxi`) would stay 0
-# Flight on a spring ends as NOT_FINITE if (|acceleration| / frequency^2) / (object position) exceeds this ratio.
+# A flight on a spring ends as NOT_FINITE if |acceleration| / frequency^2 exceeds LOST times the object's position.
 cdef double LOST = 1e11  # at this ratio, rounding errors are about 1e-5 of the position
-cdef double SHORT = 1e-6  # m, added to the object's position in this ratio, because the position can be 0
+cdef double SHORT = 1e-6  # m, added to the object's position in this test, because the position can be 0
 
 
 cdef void reset_memory(Memory *memory, double step) noexcept nogil:
@@ -66,7 +66,7 @@ cdef double take_peak(const Run *run, Chain *chain) noexcept nogil:
 
 
 cdef int command(Run *run, Chain *chain, double target, double acceleration, double until) noexcept nogil:
-    """Impose a ramp to `target` (m/s), then `target`. Return ARRIVED at time `until` (s), or an earlier status."""
+    """Ramp the imposed velocity to `target` (m/s) and hold it. Return ARRIVED at `until` (s), or an earlier status."""
     cdef double change, ramp, end
     cdef bint ramp_ends
     cdef int status
@@ -172,7 +172,7 @@ cdef double reach_at_rest(const Run *run, const Chain *chain) noexcept nogil:
 
 
 cdef inline double slow_swing(double velocity, double acceleration, double frequency) noexcept nogil:
-    """Return a bound (m) on the travel of an oscillation of `frequency` (rad/s) or more; inf: above REST_SPEED."""
+    """Return a bound (m) on the travel of an oscillation of `frequency` (rad/s) or more; inf: over REST_SPEED."""
     cdef double fastest = hypot(velocity, acceleration / frequency)
     return 2.0 * fastest / frequency if fastest <= REST_SPEED else INFINITY
 
@@ -184,7 +184,7 @@ cdef void note_tool_rest(const Run *run, Chain *chain) noexcept nogil:
 
 
 cdef void record_rest(const Run *run, Chain *chain, double distance) noexcept nogil:
-    """With friction, store `slide` and `rest_time`, as if no contact followed; `distance` (m): the object's start."""
+    """With friction, store `slide` and `rest_time`, as if no contact followed. The object began at `distance` (m)."""
     cdef double speed = max(object_velocity(chain), 0.0)
     if run.ground == 0.0:
         return
@@ -205,7 +205,7 @@ cdef struct Approach:  # scene and motion of an approach
     double threshold  # N, contact force that triggers the brake; inf: no brake
     double delay  # s, from the first force above `threshold` to the start of the brake
     double deceleration  # m/s^2, of the brake
-    int64_t motion, points  # of a `Motion`: index of its times in `Run.tables` (velocities follow); number of times
+    int64_t motion, points  # of a `Motion`: index of its first time in `Run.tables`, number of times
     double duration  # s, of the approach
     double frame  # m/s, common velocity of flange, tool and object at t = 0; 0 except in tests
 

@@ -53,7 +53,7 @@ cdef enum:
 
 
 cdef double longest_blind_step(const Piece *now, const double *x, double longest, double shortest) noexcept nogil:
-    """Return a scaled step of a flight in which no touch is possible, at most `longest`; `shortest`: none found."""
+    """Return a scaled step, `longest` or shorter, in which a flight cannot touch the object. `shortest`: none found."""
     cdef const Law *law = now.law
     cdef Swing at = swing(now, x[TIME], x[DEFLECTION], x[DEFLECTION_RATE], x[OFFSET], x[OFFSET_RATE])
     cdef double touching = law.tool_mass, mass = law.tool_mass, energy, floor = 0.0, barrier = INFINITY
@@ -75,7 +75,7 @@ cdef double longest_blind_step(const Piece *now, const double *x, double longest
         span = h * now.units.time
         gained = fabs(now.acceleration) * sqrt(0.5 * mass) * span
         fed = sqrt(TABLE * max(energy - floor, 0.0)) + gained
-        if floor + fed * fed >= barrier:  # the slider can pass the alignment; beyond, the energy can be below `floor`
+        if floor + fed * fed >= barrier:  # the slider can pass its alignment, and the energy can then be below `floor`
             fed = sqrt(TABLE * energy) + gained
         if span * (closing + (fabs(now.acceleration) + ground) * span + fed * sqrt(2.0 / touching)) < gap:
             return h

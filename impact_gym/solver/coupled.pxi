@@ -4,7 +4,7 @@
 cdef void begin_piece(
     const Run *run, const Chain *chain, double acceleration, double until, bint flying, Piece *now
 ) noexcept nogil:
-    """Set the constants `now` of a piece that starts at the state of `chain` and ends at `until` (s) or earlier."""
+    """Set the constants `now` for the integration from the state of `chain` to `until` (s) or to an earlier event."""
     cdef const Law *law = run.law
     now.law, now.flying, now.acceleration = law, flying, acceleration
     now.units = flight_units(run, chain, acceleration) if flying else chain.units
@@ -66,7 +66,7 @@ cdef void load(const Piece *now, const Chain *chain, double *x) noexcept nogil:
 
 
 cdef void store(const Piece *now, const Chain *base, const double *x, Chain *chain) noexcept nogil:
-    """Write the scaled state `x` into `chain`; `base`, the chain at the start of the piece, may be `chain` itself."""
+    """Write the scaled state `x` into `chain`. `base` is the chain at the start of the piece, or `chain` itself."""
     cdef double impulse = now.units.force * now.units.time
     if now.law.kind == SPRING:
         chain.deflection_integral = base.deflection_integral
@@ -116,7 +116,7 @@ cdef inline double explicit_step(const Piece *now, Work *work, double h) noexcep
 
 
 cdef void dense_output(const Piece *now, Work *work, double h) noexcept nogil:
-    """Compute the upper four coefficients of the polynomial through the last step of the explicit pair."""
+    """Compute the last four coefficients of the polynomial that interpolates the last explicit step."""
     if now.law.kind == SPRING:
         spring_dense(now, work, h)
     elif now.law.kind == RIGID:
@@ -126,7 +126,7 @@ cdef void dense_output(const Piece *now, Work *work, double h) noexcept nogil:
 
 
 cdef double apparent_eigenvalue(const Piece *now, const Work *work) noexcept nogil:
-    """Estimate the largest eigenvalue: for a series by `fastest`, for an explicit step from the last two stages."""
+    """Estimate the largest eigenvalue. A series step uses `fastest`, an explicit step uses its last two stages."""
     if work.method == SERIES:
         return fastest(now, work.trial, work.trial_rate)
     if now.law.kind == SPRING:
@@ -158,7 +158,7 @@ cdef inline double touch_time(const Run *run, const Chain *chain, double acceler
 
 
 cdef double smooth_until(const Run *run, const Chain *chain, double acceleration, double until) noexcept nogil:
-    """Return `until` (s), or the earlier time at which the imposed position reaches a break of the robot's table."""
+    """Return `until` (s), or the earlier time at which the imposed position reaches one of the table's `breaks`."""
     cdef double low, high, ahead = INFINITY, behind = INFINITY, x_r = chain.flange_position, v_r = chain.flange_velocity
     cdef RobotTable table
     if run.law.kind != INTEGRATED or not run.law.intervals:
@@ -231,6 +231,6 @@ cdef Accelerations motion_now(const Run *run, const Chain *chain, double acceler
 
 
 cdef double tool_momentum(const Run *run, const Chain *chain) noexcept nogil:
-    """Return the momentum (N s) that `moving_mass` gained in the contact, minus `chain.joined`."""
+    """Return the momentum (N s) that `moving_mass` gained in the contact, except by mass that joined (`joined`)."""
     cdef double before = moving_mass(run, chain.start_flange_position) * chain.start_tool_velocity
     return moving_mass(run, chain.flange_position) * tool_velocity(chain) - before - chain.joined

@@ -25,7 +25,7 @@ cdef double SHORTEST_STEP = 1e-10  # scaled; a shorter step that starts on an ev
 cdef struct Events:
     double[ROWS] value  # negative before the event
     # height: smooth quantity whose maximum is searched; CLOCK and SEPARATION have none
-    double[ROWS] height, slope  # slope: derivative of height (if none, of value) by s; in flight by scaled time
+    double[ROWS] height, slope  # slope: derivative of height, else of value, by s (in flight: by scaled time)
 
 
 cdef void evaluate_events(const Piece *now, const double *x, const double *rate, Events *events) noexcept nogil:
@@ -186,7 +186,7 @@ cdef double on_cubic(double t, double start, double start_slope, double end, dou
 
 
 cdef bint comes_back(int row, double h, const Events *start, const Events *end) noexcept nogil:
-    """Return whether a row has a maximum in a step. Except in FORCE, SLIP and TOP, one below 0 does not count."""
+    """Return whether a row has a maximum in a step. Only in FORCE, SLIP and TOP may the maximum be below 0."""
     cdef double v0 = start.height[row], v1 = end.height[row], s0 = h * start.slope[row], s1 = h * end.slope[row], top
     if row == TOP and s1 < 0.0 < start.slope[SLIP]:
         return True  # at the start of a slip, the sign of s0 depends on rounding
@@ -310,7 +310,7 @@ cdef double bend_share(const Work *work, double h) noexcept nogil:
 
 
 cdef double land(const Piece *now, Work *work, const Finding *found, double tried, double *error) noexcept nogil:
-    """Take a step that ends on the event `found` in a step of length `tried`; return the new length; set `error`."""
+    """Take a step that ends on `found`, an event in a step of length `tried`; return the new length; set `error`."""
     cdef double h = found.share * tried, low = 0.0, high = found.within * tried, off
     cdef int row = found.event
     cdef Events events

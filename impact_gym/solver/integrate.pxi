@@ -2,8 +2,9 @@
 
 cdef double FIRST_STEP = 0.3  # length of the first step to try in a contact, in the variable s (see `contact.pxi`)
 cdef double FIRST_FLIGHT = 0.1  # first trial step of a flight, in units of 1 / highest angular frequency of the chain
-cdef double LARGEST_STEP = 1.0  # in the same units; a longer flight step is tried only if no touch is possible in it
-# With friction, the duration z ds of a step is at most this many times the time left, so that the end can be located.
+cdef double LARGEST_STEP = 1.0  # in units of FIRST_FLIGHT; a longer step is tried only if it cannot contain a touch
+# With friction, the duration (about z ds) of a contact's step is at most OVERSHOOT times the time left in the piece.
+# In a longer step, the end of the piece could not be located.
 cdef double OVERSHOOT = 1e3
 
 cdef enum:
@@ -27,9 +28,9 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
     rates(&now, work.x, work.rate)
     evaluate_events(&now, work.x, work.rate, start)
     if flying and work.x[ROOT] == 0.0 and work.x[RATE] < 0.0 < work.rate[RATE]:
-        h = min(h, -work.x[RATE] / work.rate[RATE])  # ends at the latest about when the gap stops opening
+        h = min(h, -work.x[RATE] / work.rate[RATE])  # the step ends by about the time when the gap stops opening
     if not flying:
-        peak = start.height[FORCE]  # with n = 0 a contact begins with a force above 0
+        peak = start.height[FORCE]  # if the damping exponent n is 0, a contact begins with a force above 0
         if undetected and start.value[FORCE] >= 0.0:
             chain.detection = chain.time
             return DETECTED

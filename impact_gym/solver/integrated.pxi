@@ -21,7 +21,7 @@ cdef struct Accelerations:  # accelerations are scaled, forces are in N
     double tool, flange  # relative to the imposed motion
     double gap  # acceleration of the tool relative to the object
     double pull  # N, of the coupling on the tool; with a DIRECT coupling, of the robot on flange and tool
-    double joined  # N, rate of the momentum of robot mass that joins the moving part
+    double joined  # N, momentum per time that joining robot mass brings into the moving part
 
 
 cdef inline Swing swing(const Piece *now, double t, double y, double v, double q, double r) noexcept nogil:
@@ -59,7 +59,7 @@ cdef inline Accelerations motion(const Piece *now, const Swing *at, double push)
         move.pull = coupling_pull(now, at.y - at.q, at.y_dot - at.q_dot)
         move.gap = (move.pull - push) * now.tool_rate
         if now.robot.intervals:
-            flange_rate = now.per_acceleration / robot.mass  # a division that need not wait for the pull: faster
+            flange_rate = now.per_acceleration / robot.mass  # faster than a division after the pull is known
             move.flange = (-robot.stiffness * at.q - robot.damping * at.q_dot - move.pull) * flange_rate - now.push
     move.tool = move.gap - now.push
     move.gap += now.ground - push * now.object_rate
@@ -89,9 +89,9 @@ cdef inline IntegratedRates integrated_rates(
 
 
 cdef struct Gradient:  # derivatives of a force (N) or of an acceleration (m/s^2)
-    double y, y_dot  # by the deflection (per m) and its rate (per m/s)
-    double q, q_dot  # by the flange offset (per m) and its rate (per m/s)
-    double time  # by time (per s)
+    double y, y_dot  # with respect to the deflection (per m) and its rate (per m/s)
+    double q, q_dot  # with respect to the flange offset (per m) and its rate (per m/s)
+    double time  # with respect to time (per s)
 
 
 cdef inline Gradient pull_gradient(const Piece *now, const Swing *at) noexcept nogil:
@@ -125,7 +125,7 @@ cdef inline Gradient flange_gradient(const Piece *now, const Swing *at, const Gr
 
 
 cdef inline void gradient_row(const Piece *now, const Gradient *part, double scale, double *row) noexcept nogil:
-    """Write a row of the Jacobian, except the columns of z and w; `scale` converts from SI units to the scaled rate."""
+    """Write a row of the Jacobian, except the columns z and w. `scale` converts the rate of this row from SI units."""
     row[DEFLECTION] = scale * part.y * now.units.length
     row[DEFLECTION_RATE] = scale * part.y_dot * now.units.velocity
     row[OFFSET] = scale * part.q * now.units.length

@@ -5,15 +5,15 @@ cdef enum:
     DEFLECTION_INTEGRAL = 6  # only in a SPRING chain
     PULL_IMPULSE = 6, JOINED = 7, OFFSET = 8, OFFSET_RATE = 9  # only in an INTEGRATED chain, see `integrated.pxi`
 
-cdef double STANDSTILL = 1e-13  # rounding error of the object's speed when a slip starts / (approach + flange speed)
+cdef double STANDSTILL = 1e-13  # (rounding error of the object's speed as a slip starts) / (approach + flange speed)
 
 
 cdef struct Piece:
     const Law *law
     int width  # number of components of the scaled state
     Units units
-    bint analytic  # m = n = 3/2 in a RIGID or SPRING chain, so steps can use Taylor series (`taylor.h`)
-    bint flying  # whether the piece is a flight, with scaled penetration instead of z, and scaled time instead of s
+    bint analytic  # whether steps can use Taylor series (`taylor.h`): m = n = 3/2 in a RIGID or SPRING chain
+    bint flying  # whether the piece is a flight; then scaled penetration replaces z, and scaled time replaces s
     const Contact *grip  # the contact law (see `contact.pxi`); its force f can be negative
     Contact contact  # the same law, but f = 0 while `Chain.holding` is 0
     bint rough  # whether there is friction under the object
@@ -21,7 +21,7 @@ cdef struct Piece:
     double friction  # scaled largest friction force on the object, mu m_p g
     double ground  # scaled deceleration of the object by friction; 0 if the object sticks
     double standstill  # scaled speed; a sliding object counts as at rest when it moves backwards faster than this
-    double share  # scaled deceleration of the tool relative to the object / f; 1 if the object slides
+    double share  # scaled deceleration of the tool relative to the object, per unit of f; 1 if the object slides
     double tolerance  # -, allowed local error of a step
     double threshold  # scaled force threshold, `Run.threshold` / `units.force`
     double horizon  # scaled duration of the piece, unless an event ends it earlier
@@ -29,12 +29,12 @@ cdef struct Piece:
 
     # scaled with `units`; the last three numbers are set only in a SPRING chain
     double push  # acceleration of the imposed motion
-    double pull_y, pull_y_dot  # acceleration of the tool by spring and damper: per deflection, per deflection rate
+    double pull_y, pull_y_dot  # acceleration of the tool per deflection (spring), per deflection rate (damper)
     double tool_share  # ratio of the reduced mass of tool and object to the tool mass
 
     # only in an INTEGRATED chain
     RobotTable robot
-    int place  # index of the interval of the robot's table that holds in this piece
+    int place  # index of the interval in the robot's table that applies in this piece
     RobotNow lumped  # the robot's parameters, if its table has one interval
     double per_acceleration  # scaled value of 1 m/s^2
     double tool_rate, object_rate  # scaled acceleration of tool, and of object, by a force of 1 N

@@ -25,7 +25,7 @@ STIFF_A[7][:7] = [
     -7.502846399306121, 2.561846144803919, -11.627539656261098, -0.18268767659942256, 0.030198172008377946, 1.0, 1.0
 ]  # state at the end of the step: the state at the last stage plus this stage's increment k
 
-# row i: h times the weights of the earlier stages on the right side of the equation of stage i
+# row i / h: weights of the earlier stages on the right side of the equation of stage i
 cdef double[STIFF_STAGES][STIFF_STAGES] STIFF_C
 STIFF_C[1][:1] = [-14.155112264123755]
 STIFF_C[2][:2] = [-17.97296035885952, -2.859693295451294]
@@ -43,7 +43,7 @@ STIFF_C[7][:7] = [
 
 
 cdef double stiff_step(const Piece *now, Work *work, double h) noexcept nogil:
-    """Try a step of `h` from `work.x` into `work.trial`; return order-4 error estimate / allowed error."""
+    """Try a step of `h` from `work.x` into `work.trial`; return (error estimate of order 4) / (allowed error)."""
     cdef int stage, earlier, i, n = now.width
     cdef double total = 0.0, a, c, size
     cdef double[WIDTH] right

@@ -1,11 +1,11 @@
 """Steps by Taylor series, for analytic pieces. `taylor.h` computes the series; this file chooses and takes the step."""
 
 cdef enum:
-    LAST_ORDERS = 3  # number of last orders that give the radius of convergence; one order's coefficients can all be 0
+    LAST_ORDERS = 3  # number of last orders that give the radius of convergence; one is too few, as it can be all 0
 
-cdef double LEFT_OUT = 0.05  # largest truncation error / allowed local error; a contact's errors add up
+cdef double LEFT_OUT = 0.05  # largest truncation error / allowed local error, small because a contact's errors add up
 cdef double MOST_LEFT_OUT = 2e-8  # largest truncation error at any tolerance, because the errors of contacts add up
-cdef double TOO_STEEP = 1e30  # weighted sum of squares of one order's coefficients; above it, the explicit pair is used
+cdef double TOO_STEEP = 1e30  # above this sum of squares of an order's weighted coefficients, the explicit pair is used
 
 
 cdef void expand(const Piece *now, Work *work) noexcept nogil:
@@ -23,8 +23,8 @@ cdef void expand(const Piece *now, Work *work) noexcept nogil:
 
 
 cdef double longest_by_series(const Piece *now, const Work *work) noexcept nogil:
-    """Return the step with the allowed truncation error, if coefficients decay as radius^-order; 0: too steep."""
-    cdef float inverse_radius = -7.0  # log(1 / radius); at least -7, because the last orders can be 0 or underflow
+    """Return the step with the allowed truncation error, if coefficients decay like radius^-order; 0: see TOO_STEEP."""
+    cdef float inverse_radius = -7.0  # ln(1 / radius); at least -7, because coefficients of the last orders can be 0
     cdef double[PLACES] weight
     cdef double squares, left_out = min(LEFT_OUT * now.tolerance, MOST_LEFT_OUT)
     cdef int i, k
@@ -42,7 +42,7 @@ cdef double longest_by_series(const Piece *now, const Work *work) noexcept nogil
 
 
 cdef void evaluate(const Piece *now, const Work *work, double h, double *x, double *rate) noexcept nogil:
-    """Write the state after a step of `h` into `x`, by Horner's scheme in h^2, and its derivative into `rate`."""
+    """Write the state after a step of `h` into `x` (Horner's scheme in h^2), and the state's derivative into `rate`."""
     cdef double[PLACES] odd, even
     cdef double square = h * h
     cdef int i, k

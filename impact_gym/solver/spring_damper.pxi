@@ -1,7 +1,7 @@
-"""A SPRING chain: the tool, or tool and robot, as one mass on a spring and damper. Flights have a formula."""
+"""A SPRING chain: one mass (tool, or tool and robot) on a spring and damper. Its flights have a closed formula."""
 
 cdef enum:
-    MOST_BENDS = 300000  # most intervals that `spring_touch` searches in a flight; with more: STEP_LIMIT
+    MOST_BENDS = 300000  # largest number of intervals that `spring_touch` searches in a flight, see STEP_LIMIT
 
 
 cdef struct SpringRates:
@@ -9,7 +9,7 @@ cdef struct SpringRates:
 
 
 cdef inline SpringRates spring_rates(const Piece *now, double z, double w, double y, double v) noexcept nogil:
-    """Return d/ds of z, w, time, impulse, deflection, its rate and its integral (paper, eq. 17-18)."""
+    """Return d/ds (`contact.pxi`) of z, w, time, impulse, deflection, its rate and its integral (paper, eq. 17-18)."""
     cdef SpringRates rates
     cdef double pull = z * (now.pull_y * y + now.pull_y_dot * v)
     rates.p = impulse_rate(&now.contact, z, w)
@@ -80,7 +80,7 @@ cdef Gap gap_at(const Glide *glide, double time) noexcept nogil:
 
 
 cdef double monotone_zero(const Glide *glide, int order, bint rising, double low, double high) noexcept nogil:
-    """Return the time (s) at which the penetration's derivative `order` is 0; it is monotone from `low` to `high`."""
+    """Return the time (s) at which derivative `order` of the penetration, monotone from `low` to `high`, is 0."""
     cdef Gap gap
     cdef double following, time = 0.5 * (low + high)
     for _ in range(100):
@@ -99,7 +99,7 @@ cdef double monotone_zero(const Glide *glide, int order, bint rising, double low
 
 
 cdef double inflection_time(const Glide *glide, double after, const Gap *gap) noexcept nogil:
-    """Return the first zero (s) after `after` of the gap's third derivative, a free damped oscillation; inf: none."""
+    """Return when (s) the gap's third derivative, a free damped oscillation, is next 0 after `after`; inf: never."""
     cdef double w = glide.frequency, zeta = glide.damping_ratio, p = gap.order[3]
     cdef double slope = gap.order[4] + zeta * w * p, square = (1.0 - zeta) * (1.0 + zeta) * w * w
     cdef double damped, phase, ratio, split
@@ -112,7 +112,7 @@ cdef double inflection_time(const Glide *glide, double after, const Gap *gap) no
     if slope == 0.0:
         return INFINITY
     ratio = -p / slope
-    if ratio * w <= 1e-9:  # no zero, or only one in the past or at `after` itself
+    if ratio * w <= 1e-9:  # there is no zero after `after` (up to rounding)
         return INFINITY
     if square == 0.0:
         return after + ratio
@@ -121,7 +121,7 @@ cdef double inflection_time(const Glide *glide, double after, const Gap *gap) no
 
 
 cdef double within_reach(const Glide *glide, double now) noexcept nogil:
-    """Return a time (s) before which no touch is possible, or inf; later |z| <= hypot(z(now), z'(now) / omega)."""
+    """Return a time (s) before which no touch is possible, or inf. After now, |z| <= hypot(z(now), z'(now) / omega)."""
     cdef double gap, swing, closed, z = glide.position, z_dot = glide.velocity
     if now > 0.0:
         z, z_dot = free_decay(glide.frequency, glide.damping_ratio, z, z_dot, now)
@@ -169,7 +169,7 @@ cdef double spring_touch(
 cdef double touch_in_bend(
     const Glide *glide, double begin, const Gap *first, double end, const Gap *last
 ) noexcept nogil:
-    """Return the time (s) of the first touch between `begin` and `end`, inf: none; the gap has no inflection there."""
+    """Return the time (s) of the first touch from `begin` to `end`, where the gap has no inflection; inf: no touch."""
     cdef bint closing = first.order[1] > 0.0, still = last.order[1] > 0.0
     cdef double turn
     cdef Gap there

@@ -1,4 +1,4 @@
-"""The structures of the solver. Some of them also exist as NumPy data types (`kernels.pyx`)."""
+"""The structures of the solver; some are also NumPy types (`kernels.pyx`). A chain is robot, coupling and tool."""
 
 cpdef enum:  # kinds of chain; RIGID: the tool has the imposed motion; SPRING: one mass on a spring and damper;
     RIGID, SPRING, INTEGRATED  # INTEGRATED: every other chain
@@ -34,12 +34,12 @@ cdef struct Mount:  # tool mass, coupling and robot, as a user describes them
 
 cdef struct Interval:  # a table of the robot's parameters with one interval, see `robot.pxi`
     double begin, end  # m
-    double[4] mass, stiffness, damping  # SI units, coefficients for the powers 0 to 3 of position - `begin`
+    double[4] mass, stiffness, damping  # SI units, coefficients for the powers 0 to 3 of (position - `begin`)
 
 
 cdef struct Law:  # the simplest chain that is equivalent to a mount
     int64_t kind  # RIGID, SPRING or INTEGRATED
-    double tool_mass  # kg, mass of the tool; in a SPRING chain plus the mass of a LUMPED robot that moves with the tool
+    double tool_mass  # kg, mass of the tool; in a SPRING chain with a LUMPED robot, mass of robot and tool
     double frequency  # rad/s, undamped angular frequency of a SPRING chain
     double damping_ratio  # -, of a SPRING chain
     int64_t coupled  # only in an INTEGRATED chain; 1: the coupling is elastic; 0: tool and flange are one mass
@@ -52,13 +52,13 @@ cdef struct Law:  # the simplest chain that is equivalent to a mount
     int64_t table  # index of the robot's table in `Run.tables`; -1: the table is the field `lumped`
     int64_t intervals  # number of intervals of the table in an INTEGRATED chain; 0: the robot is rigid
     Interval lumped
-    double stiffest  # 1/s^2, largest ratio of the robot's stiffness to its mass at the breaks of the table
+    double stiffest  # 1/s^2, largest ratio of the robot's stiffness to its mass at any end of an interval of the table
 
 
 cdef struct Memory:  # state of the step control in a contact or a flight, kept from step to step
     double step  # length of the next step to try in a contact, in the variable s, see `contact.pxi`
-    int64_t method  # STIFF or EXPLICIT (Taylor series or explicit pair)
-    int64_t seen  # number of attempts by `method`; EXPLICIT: after `patience`, only those near instability count
+    int64_t method  # STIFF: the L-stable pair; EXPLICIT: a Taylor series or the explicit pair, see `stepper.pxi`
+    int64_t seen  # number of attempts by `method`; after `patience` EXPLICIT ones, only attempts near instability count
     int64_t patience  # number of EXPLICIT attempts before stiffness is checked
     int64_t rejected  # 1: the error of the last explicit attempt was too large
     double log_before  # natural logarithm of estimated / allowed error in the last accepted explicit step, at least -9
@@ -66,7 +66,7 @@ cdef struct Memory:  # state of the step control in a contact or a flight, kept 
 
 cdef struct Chain:  # state of motion of chain and object, and results so far
     double time  # s
-    double flange_position  # m, of the imposed motion; with a rigid robot also of the flange
+    double flange_position  # m, position of the imposed motion, which the flange of a rigid robot follows exactly
     double flange_velocity  # m/s, of the imposed motion
     double deflection  # m, tool position minus imposed position
     double deflection_rate  # m/s
@@ -102,14 +102,14 @@ cdef struct Chain:  # state of motion of chain and object, and results so far
     double first_contact  # s, start of the first contact; inf: none yet
     double detection  # s, when the contact force first exceeded `Run.threshold`; inf if not yet
     double peak_force  # N, largest force of all contacts
-    double peak_object_velocity  # m/s, with friction: largest so far; else: final value after `approach`, 0 in episodes
+    double peak_object_velocity  # m/s, so far; without friction 0, until `approach` sets it to the final velocity
     double object_rest_time  # s, when the object last came to rest; 0: never
-    double tool_rest_time  # s, since when the tool counts as at rest; inf: not at rest, or no friction
+    double tool_rest_time  # s, time from which the tool counts as at rest; inf: not at rest, or no friction
     double slide  # m, with friction: displacement of the object from start to rest, if no contact follows
-    double rest_time  # s, with friction: when object and tool are both at rest; inf if the tool is not
+    double rest_time  # s, with friction: time from which both object and tool are at rest; inf if the tool is not
     double unread_force  # N, largest contact force since the last call of `take_peak`
     double coupling_impulse  # N s, of the coupling on the tool (paper, eq. 21), sum over the contacts in `logged`
-    double momentum_error  # -, largest `momentum_error` (see `ContactRow`) of the contacts in `logged`
+    double momentum_error  # -, largest `momentum_error` (see `ContactRow`) of the contacts that `logged` counts
     int64_t steps  # integration steps, rejected ones included
     int64_t logged  # number of contacts given to the contact log, including those that did not fit
     int64_t traced  # number of trace points, including those that did not fit
@@ -157,7 +157,7 @@ cdef extern from "solver/taylor.h" nogil:
 
 cdef enum:
     WIDTH = 10  # number of components of the longest scaled state, that of an INTEGRATED chain
-    KEPT = 8  # most stages kept: 7 rates of an explicit step, for dense output, or 8 stages of a stiff step
+    KEPT = 8  # largest number of stored stages: 7 of an explicit step (for its polynomial), 8 of a stiff step
 
 
 cdef struct Work:  # work arrays of the integrator
@@ -184,7 +184,7 @@ cdef struct Run:  # what the functions of the solver need in a run
     double ground  # m/s^2, mu g, deceleration of an object that slides; 0 without friction
     double threshold  # N, contact force that sets `Chain.detection` when it is first exceeded; inf: none
     bint tell_touch  # whether `command` returns at the first touch
-    double tolerance  # -, allowed local error of a step in natural units; relative for components above 1
+    double tolerance  # -, allowed local error of a step: absolute in natural units, but relative for components above 1
     int64_t max_steps
     Recorder recorder
     Work *work

@@ -14,7 +14,7 @@ cdef enum:
     TRY = 10  # number of attempts of the L-stable pair between two trials of the series or the explicit pair
     MOST = 16 * UNCHECKED  # largest `patience`
 
-cdef double NEAR = 3.5  # h lambda above which a step is near the limit; such steps have an h lambda of about 4 to 7
+cdef double NEAR = 3.5  # a step with a larger h lambda is near the limit of stability; there, h lambda is about 4 to 7
 
 
 cdef double attempt(const Piece *now, Work *work, double h) noexcept nogil:
@@ -47,7 +47,7 @@ cdef double judge(const Piece *now, Work *work, double h, double *error) noexcep
 
 
 cdef void choose_method(const Piece *now, Work *work, double *h) noexcept nogil:
-    """Choose the method: a trial after TRY stiff attempts. If the motion is not stiff, a series sets or limits `h`."""
+    """Choose the method of the next attempt. If the motion is not stiff, the step of a series sets or limits `h`."""
     cdef const Memory *memory = &work.memory
     cdef bint stiff = memory.method == STIFF, known = work.expanded
     work.method = STIFF if stiff and (memory.seen == 0 or memory.seen % TRY != 0) else EXPLICIT
@@ -83,7 +83,7 @@ cdef double step_factor(Work *work, double error) noexcept nogil:
 
 
 cdef void probe(const Piece *now, Work *work, double h, double share) noexcept nogil:
-    """Compute state and rate at the fraction `share` of the last attempt of `h`; explicit pair: by a polynomial."""
+    """Compute state and rate at the fraction `share` of the last attempt (step `h`), for EXPLICIT by a polynomial."""
     cdef int i
     if work.method != EXPLICIT:
         probe_exactly(now, work, h, share)
@@ -124,7 +124,7 @@ cdef void fit_polynomial(const Piece *now, Work *work, double h) noexcept nogil:
 
 
 cdef inline (double, double) on_polynomial(const Work *work, int i, double share) noexcept nogil:
-    """Return value and derivative of component `i` of the step's polynomial (Hairer's CONTD8) at `share`."""
+    """Return component `i` of the step's polynomial (Hairer's CONTD8) at `share`, and its derivative by `share`."""
     cdef double left = 1.0 - share, value = work.dense[6][i], slope = 0.0
     cdef int k
     for k in range(5, 0, -2):

@@ -13,7 +13,7 @@ from scipy.integrate import DOP853
 
 
 def by_stage(rows: Iterable[Iterable[float]]) -> tuple[dict[int, float], ...]:
-    """Return, for each row of coefficients, its nonzero weights by the index of the stage."""
+    """Return each row of coefficients as a dict from stage to weight, without zeros."""
     return tuple({stage: float(weight) for stage, weight in enumerate(row) if weight} for row in rows)
 
 
@@ -51,7 +51,7 @@ def weighed(weights: dict[int, float], place: str) -> str:
 
 
 def moved(stage: int, place: str, newest: bool) -> str:
-    """Return code that computes a component at a stage; with `newest`, it adds the rate of the previous stage last."""
+    """Return code that computes a component at a stage. If `newest`, the code adds the previous stage's rate last."""
     *earlier, last = A[stage].items()
     if not newest:
         return f"{place}{stage} = {place}0 + h * ({weighed(A[stage], place)})"

@@ -47,7 +47,7 @@ class ActionSpec:
         return np.where(steps > 0.0, np.rint(values / np.where(steps > 0.0, steps, 1.0)) * steps, values)
 
     def encode(self, *values: ArrayLike) -> NDArray[np.float32]:
-        """Return actions (..., n), not clipped, from one array (...) for each number, in the unit of the number."""
+        """Return actions (..., n), not clipped, from an array (...) of values for each number, in the number's unit."""
         stacked = np.stack(np.broadcast_arrays(*values), axis=-1)
         return (2.0 * (stacked - self._low) / (self._high - self._low) - 1.0).astype(np.float32)
 

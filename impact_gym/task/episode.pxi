@@ -46,8 +46,8 @@ cdef void sample(const Run *run, Row *row) noexcept nogil:
         chain.time, force, chain.peak_force, chain.deflection - chain.flange_offset
     )
     episode.pushed += 1
-    # Each reading is taken one `reaction_delay` before an observation. The switch's alarm shifts the control steps; the
-    # reading for the observation at the alarm is taken at the detection.
+    # Each reading is taken one `reaction_delay` before the observation that shows it. The alarm of a force switch
+    # shifts the control steps; the observation at this alarm shows a reading from the time of detection.
     if isinf(chain.detection) or row.task.operator_kind:
         last = row.task.horizon - delay
     else:

@@ -23,7 +23,7 @@ class EpisodeState(NamedTuple):
     """Times (s) of detection, alarm and end of an episode; inf: not yet, or never."""
 
     detection: float  # when the contact force first exceeded the threshold
-    alarm: float  # when the last alarm reaches the controller; with `alarm="force"` known at the detection
+    alarm: float  # when the last alarm reaches the controller; with `alarm="force"`, set at the detection already
     alarm_over: float  # when the last alarm ends; inf with `alarm="force"`
     end: float  # end of the last control step; the trace can continue after it
 

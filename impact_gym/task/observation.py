@@ -81,7 +81,7 @@ class ObservationSpec:
         return self.entries[self.index(name)].scale
 
     def decode(self, observation: ArrayLike, name: str) -> Floats:
-        """Return the values (...) of a number in its unit, clipped to its scale, from observations (..., n_obs)."""
+        """Return the values (...) of a number, in its unit, from observations (..., n_obs), which are clipped."""
         scale = self.scale(name)
         curve = CURVES[scale.curve]
         scaled = np.asarray(observation, np.float64)[..., self.index(name)]

@@ -1,6 +1,6 @@
 """The range sensor reads the gap at every observation. The observation contains the newest reading that has arrived."""
 
-cdef int64_t RANGE_STREAM = 1 << 40  # index of the first number for range readings in the stream of the noise seed
+cdef int64_t RANGE_STREAM = 1 << 40  # index of the first random number for range readings, in the noise seed's stream
 
 
 cdef void begin_range(Row *row) noexcept nogil:

@@ -12,7 +12,7 @@ cdef struct Draw:  # a number that an episode draws from a range
     double low, high
 
 
-cdef struct Table:  # a recording of commands or a trace of delays: n times, then n values
+cdef struct Table:  # where a table is (n times, then n values): recorded commands, or delays of a trace
     int64_t begin, points  # `begin`: index of the first time among the numbers of all tables; `points`: number of times
     double length  # s, last time of a trace of delays, or length of each recording of commands
     double mean  # s, mean over time of a trace's delays, without lost packets
@@ -35,7 +35,7 @@ cdef struct Task:  # arguments of an environment
     int64_t range_sensor  # 1: with a range sensor
     int64_t alarm_by_reading  # 1: readings raise the alarm, 0: a switch does
     double force_weight  # m/s per N
-    double tolerance  # -, allowed local error of a step of the integrator
+    double tolerance  # allowed local error of a step of the integrator (no unit)
     int64_t exact  # 1: damping factor by `exact_damping`, 0: by `hu_guo`
     double reference_velocity  # m/s, approach velocity at which a fixed damping gives the restitution; 0: not fixed
     int64_t max_steps  # number of control steps until truncation; 0: unlimited
@@ -77,7 +77,7 @@ cdef struct Episode:  # drawn numbers, state and results of an episode
     double approach_time  # s, time of the first contact; the horizon if there is none yet
     double slide, rest_time  # m, s, see `Chain`; inf without friction, and before the episode terminates
     double done_time  # s, end of the last control step so far
-    double taken  # -, before the touch: ratio of `withheld_way` to `commanded_way` (see `Link`), so far
+    double taken  # ratio of `withheld_way` to `commanded_way` (see `Link`) before the touch, so far
     double late  # s, expected time from a touch until the operator's stop reaches the arm
 
 
@@ -103,15 +103,15 @@ cdef struct Link:  # operator, channels and assistance of a row
     double alarmed  # s, when the last alarm reached the controller; -inf before the first
     double believed  # m, assumed distance of the object
     double duration  # s, duration of the operator's motion, if the operator is a `Reach`
-    double muscle, tremor  # -, motor noise after one and after both muscle lags (see MUSCLE in `operator.pxi`)
+    double muscle, tremor  # motor noise after the first and after both muscle lags, see MUSCLE in `operator.pxi`
     double last_sent, effective  # m/s; `last_sent`: last command sent, `effective`: `command`, or 0 if it has expired
     double person_command  # m/s, what a `Person` commands
     double gain, acceleration, withdrawal  # of the assistance: -, m/s^2, m/s
-    double commanded_way, withheld_way  # m, until the touch, integrals over time: |effective|, |effective - executed|
+    double commanded_way, withheld_way  # m, time integrals until the touch: |effective|, |effective - executed|
     double age_mean, age_squares  # s, s^2: mean age of used commands on arrival, sum of the squares of (age - mean)
-    # commands sent, used and sent regularly: `packets`, `arrived`, `ticks`; `oldest`: index of the oldest usable one
+    # counts: `packets` sent, `arrived` used, `ticks` sent regularly; `oldest`: index of the oldest usable command
     int64_t packets, oldest, arrived, ticks
-    int64_t display_packets, seen_packet  # number of packets sent to the display; index of the newest `Packet` seen
+    int64_t display_packets, seen_packet  # number of packets sent to the display; index of the newest one seen
     int64_t expired, stopped  # 0 or 1: `command` has expired; the operator has stopped
     int64_t uplink_lost, downlink_lost  # 0 or 1: `loss` took the channel's last packet
 
@@ -134,5 +134,5 @@ cdef struct Row:  # one environment
     Packet *packets  # ring buffer of length `packet_slots`
     int64_t packet_slots
     const double *tables
-    RangeReading *ranges  # of the range sensor, ring buffer of length `range_slots`
+    RangeReading *ranges  # readings of the range sensor, ring buffer of length `range_slots`
     int64_t range_slots

@@ -1,11 +1,11 @@
 """The reward of a control step: four unweighted terms, then their weighted sum."""
 
 
-cdef struct Terms:  # of a control step, or their sums in an episode
-    double time  # s, duration before the first contact; with an operator, the whole duration
-    double speed  # m/s, at termination V_p (see `settle.pxi`), or 0 if missed or failed; in other steps 0
-    double force  # N, at termination the largest contact force, or 0 if missed or failed; in other steps 0
-    double miss  # m/s, at termination the cost if missed or if the solver failed; otherwise 0
+cdef struct Terms:  # the terms of a control step, or their sums over an episode
+    double time  # s, duration until the first contact; with an operator, the whole duration
+    double speed  # m/s, V_p (see `settle.pxi`); 0 before termination, after a miss, and if the solver failed
+    double force  # N, largest contact force; 0 in the same three cases as `speed`
+    double miss  # m/s, `missed_cost` if the episode terminates with a miss or a failed solver, otherwise 0
 
 
 cdef double reward(const Terms *step, double time_weight, double force_weight, Terms *rewards) noexcept nogil:

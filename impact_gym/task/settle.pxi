@@ -23,7 +23,7 @@ cdef void finish(Run *run, Row *row, Terms *step) noexcept nogil:
 
 
 cdef int settle(Run *run, Row *row) noexcept nogil:
-    """Brake and simulate; return ARRIVED at the end, UNSETTLED at the time limit, or the status of a failed solver."""
+    """Brake, and simulate to the end or a time limit; return ARRIVED, UNSETTLED or the status of a failed solver."""
     cdef Chain *chain = row.chain
     cdef double limit = chain.time + row.task.settle_limit, deceleration = row.task.full_deceleration, brake_end
     cdef double pause = REST_STEP if run.ground > 0.0 else 0.05

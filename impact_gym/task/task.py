@@ -97,7 +97,7 @@ class Task:
         return self
 
     def __post_init__(self) -> None:
-        drawn: dict[str, Range] = {}  # `checked`: without arguments that are None by default and None here
+        drawn: dict[str, Range] = {}  # `checked`: all arguments except those that are None by default and here
         checked = [name for name in ARGUMENTS if getattr(Task, name) is not None or getattr(self, name) is not None]
         self._put("scenario", ScenarioRanges.of(self.scenario))
         for name, kinds in PARTS.items():
@@ -134,7 +134,7 @@ class Task:
 
     @classmethod
     def of(cls, field: str, given: Any, *others: str) -> "Task":
-        """Return the task with the arguments `given`. The error for an unknown one also lists the names `others`."""
+        """Return the task with the arguments `given`. If an argument is unknown, the error also lists `others`."""
         one_of(field, given, Mapping)
         if unknown := [name for name in given if name not in ARGUMENTS]:
             allowed = ", ".join([*others, *ARGUMENTS])
@@ -161,7 +161,7 @@ class Task:
         return Task(**arguments)
 
     def _parts(self, name: str) -> dict[str, Any]:
-        """Return the fields of the argument `name`, a record such as a coupling; without fields that are None."""
+        """Return those fields of the argument `name`, such as a coupling, that are not None; ranges stay as given."""
         given = self._given.get(name)
         parts = asdict(getattr(self, name)) | (dict(given) if isinstance(given, Mapping) else {})
         return {part: value for part, value in parts.items() if part != "type" and value is not None}
@@ -241,7 +241,7 @@ class Task:
         return sorted(names | {name.partition(".")[0] for name in drawn})
 
     def at(self, record: Mapping[str, float]) -> "Task":
-        """Return the task with numbers of `record`, an `info["record"]`, instead of the ranges in `drawn`."""
+        """Return a task in which numbers of `record` (an `info["record"]`) replace the ranges in `drawn`."""
         return self.changed({name: float(record[name]) for name in self.drawn}) if self.drawn else self
 
     def to_kernel(self, first_draw: int, table_at: int) -> tuple[Any, list[tuple[Any, ...]], Any]:

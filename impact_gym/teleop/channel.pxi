@@ -1,11 +1,11 @@
 """Delay and loss of each packet on a channel, from random numbers or a recorded trace."""
 
 cpdef enum:
-    LONGEST_JITTER = 12  # the random part of a delay is at most this multiple of its mean
+    LONGEST_JITTER = 12  # largest ratio of the random part of a delay to the mean of the random part
 
 
 cdef double chance(Row *row, int64_t stream, int64_t count) noexcept nogil:
-    """Return the `count`-th uniform number in [0, 1) of a `stream` of the episode (0: force, 1: range sensor)."""
+    """Return number `count`, uniform in [0, 1), of a `stream` (4 to 7: uplink, 8 to 11: downlink, 12: operator)."""
     return hashed(row.episode.drawn.noise_seed, (stream << 40) + count)
 
 

@@ -65,7 +65,7 @@ class Channel(Parameters, path="uplink"):
 
     @property
     def table(self) -> NDArray[np.float64]:
-        """The trace as n times (s), then n delays (s); `LOST` where the row nearest in time is a loss."""
+        """The trace as n times (s), then n delays (s). A delay is `LOST` where the row nearest in time is a loss."""
         times, delays = np.array(self.trace or np.empty((0, 2)), np.float64).T
         lost = delays >= LOST
         if not lost.any():
@@ -114,7 +114,7 @@ def columns_of(trace: Any) -> list[list[float]]:
 
 
 def without_files(environment: Mapping[str, Any]) -> dict[str, Any]:
-    """Return arguments from an untrusted file as a dict; raise ValueError if a trace names a file."""
+    """Return the arguments in an untrusted file as a dict; raise ValueError if a channel's trace is a file name."""
     for way in WAYS:
         channel = environment.get(way)
         if isinstance(channel, Mapping) and isinstance(trace := channel.get("trace"), str):

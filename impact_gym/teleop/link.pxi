@@ -3,7 +3,7 @@
 cdef double WITHDRAWAL = 0.3  # m/s, fastest withdrawal of the flange by the assistance
 cdef double FADE = 0.1  # s, time in which a withdrawal falls to 0
 FASTEST_WITHDRAWAL, WITHDRAWAL_FADE = WITHDRAWAL, FADE
-cdef double IDLE = 0.3  # s; the operator has finished if the arrived command was not 0, and then 0 for this time
+cdef double IDLE = 0.3  # s; the operator has finished if, after a motion, the arrived command has been 0 for this time
 cdef double BESIDE = 5e-3  # m, largest gap or penetration of a tool that has finished, see `task_done`
 cdef double STANDING = 0.01  # m/s, largest speed of the flange's commanded motion if the tool has finished
 
@@ -119,7 +119,7 @@ cdef Command flange_command(Row *row) noexcept nogil:
 
 
 cdef void assist(Row *row, double gain, double acceleration, double withdrawal) noexcept nogil:
-    """Set the assistance; the withdrawal is 0 before an alarm, and fades `after_alarm` after the last alarm."""
+    """Set the assistance. The withdrawal is 0 before an alarm, and fades to 0 from `after_alarm` after an alarm on."""
     cdef double since
     row.link.gain, row.link.acceleration = gain, acceleration
     row.link.withdrawal = 0.0
@@ -146,7 +146,7 @@ cdef void observe_link(Row *row) noexcept nogil:
 
 
 cdef bint task_done(Row *row) noexcept nogil:
-    """Return whether the object rests and the operator has finished. After a touch, a finished tool is enough."""
+    """Return whether the object rests, and the operator has finished or (only after a touch) the tool has finished."""
     cdef Chain *chain = row.chain
     cdef bint idle = chain.time >= row.link.idle_since + IDLE - ROUNDING
     if chain.contacts == 0:

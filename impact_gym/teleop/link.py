@@ -12,7 +12,8 @@ from impact_gym.teleop.channels import LOST, WAYS, Channel
 from impact_gym.teleop.operators import KINDS, Operator, Replay
 from impact_gym.validation import Range
 
-LONGEST_SPACING, SLOWEST_PING = 200, 2.0  # control periods, s; a trace's median spacing may reach the longer of the two
+# limits of the median time between a trace's packets, in control periods and in s; the longer limit applies
+LONGEST_SPACING, SLOWEST_PING = 200, 2.0
 FADE: float = WITHDRAWAL_FADE  # s, time in which a withdrawal falls to 0
 
 
@@ -67,9 +68,9 @@ class Link(NamedTuple):
                              f"period of {control_period:g} s, got {apart:g} s: is it in ms?")  # fmt: skip
 
     def to_kernel(self, record: NDArray[Any], begin: int) -> list[NDArray[np.float64]]:
-        """Write the operator's kind and where each table lies into `record` (1,) of TASK; return the tables.
+        """Return the tables of operator and channels; write the operator's kind and the tables' places into `record`.
 
-        `begin`: index of the first number of the first table.
+        `record`: (1,), TASK. `begin`: index of the first table's first number among the numbers of all tables.
         """
         record["operator_kind"] = KINDS[type(self.operator)]
         tables = [getattr(self.operator, "table", np.empty(0)), self.uplink.table, self.downlink.table]

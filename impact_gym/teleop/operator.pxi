@@ -26,7 +26,7 @@ cdef double intended(Row *row, double time) noexcept nogil:
     cdef double speed = numbers.speed, share, omega, zeta
     if row.task.operator_kind == PERSON:
         return link.person_command
-    if row.task.operator_kind == REPLAY:  # time in the recordings, from `ticks`: `time` has rounding errors
+    if row.task.operator_kind == REPLAY:  # time in the recordings, from `ticks` because `time` has rounding errors
         time = floor(numbers.recording) * row.task.replay.length + (link.ticks - 1) * row.task.control_period
         return look_up(&row.task.replay, row.tables, time)
     if row.task.operator_kind == STEADY:
@@ -68,7 +68,7 @@ cdef double operator_command(Row *row, double time) noexcept nogil:
     if link.stopped:
         return 0.0
     speed = intended(row, time)
-    if numbers.noise > 0.0:  # white noise after two lags; Todorov (2005) states it for steps of 10 ms
+    if numbers.noise > 0.0:  # white noise after two lags; Todorov (2005) gives its size for steps of 10 ms
         rate = row.task.control_period / MUSCLE
         rate = rate / (1.0 + rate)
         share = numbers.noise * sqrt(0.01 / row.task.control_period)

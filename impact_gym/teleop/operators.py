@@ -46,7 +46,7 @@ class Replay(Parameters, path="operator"):
 
 @dataclass(frozen=True, slots=True)
 class Person(Parameters, path="operator"):
-    """A person: the command is 0, then the velocity last passed to the environment's `command` in the episode."""
+    """A person. The command is the velocity last passed to the environment's `command`; 0 when an episode begins."""
 
 
 @dataclass(frozen=True, slots=True)

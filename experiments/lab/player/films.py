@@ -46,7 +46,7 @@ def thin(
 
 
 def choose(played_baseline: Episodes, played_policy: Episodes) -> dict[str, int]:
-    """Return the number of each notable scenario, with the reason as the key; ValueError: the scenarios differ."""
+    """Return the numbers of notable scenarios by the reason for each choice; ValueError: the scenarios differ."""
     ours, theirs = played_policy.scenario, played_baseline.scenario
     if any(not np.array_equal(ours[name], theirs[name]) for name in ours):
         raise ValueError("baseline and policy must have played the same scenarios")
@@ -124,7 +124,10 @@ def farthest(run: History, end: float) -> float:
 
 
 def clock(runs: Sequence[History], end: float, coarse: float = 1.0) -> list[list[float]]:
-    """Return the parts of a film until `end` (s), each with start (s) and slow-motion factor, the largest of `runs`."""
+    """Divide a film until `end` (s) into parts [start (s), slow-motion factor].
+
+    The factor of a part is the largest of the factors of all `runs`.
+    """
     time, stretches = 0.0, list[list[float]]()
     while time < end:
         slower = max(run.factor(time) for run in runs)
@@ -174,7 +177,7 @@ def play(
 
 
 def scene_of(runs: Mapping[str, History], coarse: float = 1.0) -> dict[str, Any]:
-    """Return one scenario for `fragment`: clock, axis limits, histories; `coarse` multiplies errors and time steps."""
+    """Return a scenario for `fragment`: clock, limits, histories; `coarse` multiplies allowed errors and time steps."""
     ends = [contacts_of(run)[-1][1] + AFTER if run.touches.size else run.now for run in runs.values()]
     end = round(max(ends), DECIMALS["time"])
     histories = {name: until(run, end) for name, run in runs.items()}

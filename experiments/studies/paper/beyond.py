@@ -76,7 +76,7 @@ def _numbers_beyond_delay(frame: pl.DataFrame) -> Numbers:
 
 
 def _notice_delays(approach: ig.Scene) -> tuple[float, float]:
-    """Return when, in s after the touch, the contact force and the coupling force's change first exceed THRESHOLD."""
+    """Return when (s after the touch) the contact force and the change of the coupling force first exceed THRESHOLD."""
     outcome, trace = scenes.simulate_with_trace(approach, STEADY)
     time = trace.time - outcome.contacts[0].start
     change = np.abs(trace.coupling_force - np.interp(0.0, time, trace.coupling_force))
@@ -88,7 +88,7 @@ def _notice_delays(approach: ig.Scene) -> tuple[float, float]:
 
 
 def beyond_detection() -> list[Row]:
-    """Brake at each of FROM_TOUCH (not before detection by the tool), and 16 ms after detection by tool or robot."""
+    """Brake at the times FROM_TOUCH that follow detection by the tool, and 16 ms after detection by tool or robot."""
     rows: list[Row] = []
     for name, coupling in COUPLINGS.items():
         approach = scene(1e3, 0.1, coupling)
@@ -116,7 +116,7 @@ def _numbers_beyond_detection(frame: pl.DataFrame) -> Numbers:
 
 
 def beyond_objects() -> pl.DataFrame:
-    """Simulate the fixed tool, the mechanism, and the mechanisms changed by CHANGES that still hold the tool."""
+    """Simulate the fixed tool, the mechanism, and those mechanisms changed by CHANGES that still hold the tool."""
     height, stop = MECHANISM.height, MECHANISM.front_stop
     candidates = [replace(MECHANISM, height=h * height, front_stop=s * stop) for h, s in product(CHANGES, CHANGES)]
     holding = [coupling for coupling in candidates if coupling.holding_force >= scenes.HOLD]

@@ -16,7 +16,7 @@ from impact_gym.physics import impact
 
 Array = NDArray[np.float64]
 Numbers = dict[str, Any]  # numbers, arrays or words, by the names that statements.toml uses
-WIDTH = 1e-6  # largest distance of the two rows that `enclose_changes` adds around a change, in the parameter's unit
+WIDTH = 1e-6  # `enclose_changes` adds two rows around a change; their parameters differ by at most this
 
 
 def where(frame: pl.DataFrame, **values: float | str) -> dict[str, NDArray[Any]]:
@@ -86,7 +86,7 @@ class Run:
         return ig.Trace(*(column[rows] for column in self.trace))
 
     def running_impulse(self) -> tuple[Array, Array]:
-        """Return times (s) from the first touch, and the coupling's impulse in contacts until then (N s; eq. 21)."""
+        """Return times (s) after the first touch, and the coupling's impulse (N s) in contacts so far (eq. 21)."""
         time, force, contact = self.trace.time, self.trace.coupling_force, self.contact
         within = (contact[1:] > 0) & (contact[1:] == contact[:-1])
         pieces = np.where(within, 0.5 * (force[1:] + force[:-1]) * np.diff(time), 0.0)

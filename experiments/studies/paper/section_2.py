@@ -154,7 +154,7 @@ def _numbers_figure_07(frame: pl.DataFrame) -> Numbers:
 
 
 def _contact(case: str, speed: float) -> pl.DataFrame:
-    """Simulate one contact; return a row for each point of the trace in the contact; `time` (s) begins at the touch."""
+    """Simulate one contact. Rows are points of the trace from touch to separation; `time` (s) is 0 at the touch."""
     contact = CONTACTS[case]
     approach = ig.Scene(ig.Tool(TOOL_MASS), ig.Object(OBJECT_MASS, speed**2 / STEADY.acceleration), contact)
     outcome, trace = simulate_with_trace(approach, ig.Trapezoid(speed, STEADY.acceleration))

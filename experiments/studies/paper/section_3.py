@@ -59,7 +59,7 @@ def figure_13() -> pl.DataFrame:
 
 
 def _nearest_minimum(frame: pl.DataFrame, case: str) -> Numbers:
-    """Return, from a run without a touch, the minimum of the tool's velocity that is nearest in time to the impact."""
+    """Return the minimum of the tool's velocity, with the object out of reach, nearest to the impact time of `case`."""
     impact_time = Run(frame, case).during_contact.time[0]
     unhindered = where(frame, case=f"{case}, unhindered")
     time, velocity = unhindered["time"], unhindered["tool_velocity"]

@@ -54,7 +54,7 @@ def figure_16() -> list[Row]:
 
 
 def figure_18() -> list[Row]:
-    """Simulate the curves of `_sweep`, and SETTLED_STIFFNESSES without a brake."""
+    """Simulate the curves of `_sweep`, and points at SETTLED_STIFFNESSES without a brake."""
     pairs = product(CONTACT_STIFFNESSES, SETTLED_STIFFNESSES)
     return _sweep(RESTITUTION) + [_point(k_t, k_c, RESTITUTION, braked=False) for k_c, k_t in pairs]
 

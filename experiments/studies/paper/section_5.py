@@ -57,7 +57,7 @@ def _numbers_figure_23(frame: pl.DataFrame) -> Numbers:
     touch = int(np.argmax(run.contact > 0))
     first_phase = (time >= time[touch]) & (time < snap)
     slowed = int(np.argmax(first_phase & (tool <= 0.4)))
-    settling = first_phase & (time >= time[slowed])  # tool slowed to 0.4 m/s, slider not yet past its alignment
+    settling = first_phase & (time >= time[slowed])  # from tool velocity 0.4 m/s until the slider passes its alignment
     steady = settling & np.append(np.diff(time) > 0.0, False)  # an event has two points at one time
     rate = np.abs(np.diff(tool)[steady[:-1]] / np.diff(time)[steady[:-1]])
     plateau = tool[steady][np.argmin(rate)]  # m/s, tool velocity at the smallest `rate`

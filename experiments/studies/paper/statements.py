@@ -55,12 +55,12 @@ class Said:
     printed: str | None = None  # a number with its unit, "0.98 m/s"; None for a trend
     value: str = ""  # name of our number, which is compared with `printed`
     holds: tuple[str, ...] = ()  # conditions of a trend
-    agree: tuple[str, ...] = ()  # instead of `holds`: names, as FIGURE.KEY, of statements that must agree
+    agree: tuple[str, ...] = ()  # FIGURE.KEY of statements that must agree; used instead of `holds`
     rule: str = "none"  # conditions of a trend, in words
     ours: str = ""  # format string of our result
     why: str = ""  # format string: the reason for a disagreement, or a remark
     source: str = ""  # source of numbers that this study does not compute
-    reading: Mapping[str, Any] = field(default_factory=dict)  # another reading: its `text`, `holds` and `ours`
+    reading: Mapping[str, Any] = field(default_factory=dict)  # a second reading: `text`, `holds` and `ours`
 
 
 SAID = {  # statements by FIGURE.KEY
@@ -85,7 +85,7 @@ def number(name: str, numbers: Numbers) -> Any:
 
 
 def holding(conditions: Iterable[str], numbers: Numbers) -> Verdict:
-    """Return AGREES if all conditions, such as "ratio >= 1.8" or "soft < middle", hold (for arrays, at every index)."""
+    """Return AGREES if all conditions hold, such as "ratio >= 1.8" (arrays: at every index), else DISAGREES."""
     outcomes = []
     for name, sign, bound in map(str.split, conditions):
         limit = float(bound) if re.match(r"-?\d|inf$", bound) else number(bound, numbers)
@@ -130,7 +130,7 @@ def judge(figure: str, said: Said, numbers: Numbers, others_agree: bool = True) 
 
 
 def judged(numbers: Mapping[str, Numbers], statements: Mapping[str, Said] = SAID) -> pl.DataFrame:
-    """Return a row of `judge` for each statement, if `numbers` has its figure and the figures of its `agree`."""
+    """Return the row of `judge` for each statement that refers only to figures in `numbers`."""
     found = dict[str, dict[str, Any]]()
     for name, said in sorted(statements.items(), key=lambda item: bool(item[1].agree)):  # statements with `agree` last
         figure = name.partition(".")[0]

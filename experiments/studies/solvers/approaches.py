@@ -41,8 +41,8 @@ OTHERS = {  # ranges of further random numbers of a scene; we chose these ranges
 }
 EXPONENTS = (*((1.5, 1.5),) * 6, (1.0, 0.0), (1.0, 1.0), (2.0, 2.0), (1.5, 1.0), (1.2, 1.2), (3.0, 0.0))
 ROUGH = 0.25  # probability of each change by `roughened`
-AT_AN_END = 0.05  # share of the draws from RANGES that are an end of the range
-AFTERMATH = 0.5  # s, a run lasts at least this much longer than an unbraked flange needs to reach the object
+AT_AN_END = 0.05  # fraction of the draws from RANGES that return an end of the range
+AFTERMATH = 0.5  # s, a run goes on for at least this time after an unbraked flange would reach the object
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Approach:
 
 @dataclass(frozen=True)
 class Solution:
-    """A solver's answer for an approach; nan: a float that the solver does not give."""
+    """A solver's answer for an approach. A float is nan if the solver does not give it."""
 
     velocity: float  # m/s, V_p
     peak_force: float = math.nan  # N
@@ -80,7 +80,7 @@ class Solution:
 
     @classmethod
     def of(cls, outcome: Any, duration: float) -> "Solution":
-        """Return the solution in an outcome of `ig.simulate` or `reference.simulate`; `duration` (s): of this run."""
+        """Return the solution in an outcome of `ig.simulate` or `reference.simulate`; the run lasted `duration` (s)."""
         lasted = sum((duration if contact.end is None else contact.end) - contact.start for contact in outcome.contacts)
         detection = math.nan if outcome.detection_time is None else outcome.detection_time
         counts = len(outcome.contacts), len(outcome.snap_through), getattr(outcome, "steps", 0)
@@ -102,7 +102,7 @@ def approach_of(name: str) -> Approach:
 def named() -> tuple[Approach, ...]:
     """Return the six named approaches."""
     soft, spring = ig.SpringDamper(50.0), ig.SpringDamper(150.0)
-    # Fig. 23 at just below 0.97724 m/s; above this speed the slider passes its alignment for good
+    # as in Fig. 23, but just below 0.97724 m/s; above this speed the slider stays past its alignment
     speed = 0.9772  # m/s
     at_threshold = ig.Trapezoid(speed, MOTION.acceleration, MOTION.brake)
     distance = speed**2 / (2 * MOTION.acceleration) + speed * (DISTANCE - 1 / (2 * MOTION.acceleration))

@@ -21,7 +21,7 @@ JUDGES = ("experiments.reference", "experiments.lab.scenes", "experiments.studie
 MISCOUNTED, WRONG, NOT_FINITE, GAVE_UP = "V_p right, events miscounted", "V_p wrong", "not finite", "gave up"
 TOO_WRONG = 1e-2  # m/s, error of V_p above which a contender has failed
 TRUE_RTOL, SECOND_RTOL = 1e-13, 1e-11  # rtol of DOP853, which computes the truth, and of Radau, which checks the truth
-LEAST, MOST_CALLS = 5e-3, 10_000  # s, a call is repeated until the times sum up to LEAST; largest number of calls
+LEAST, MOST_CALLS = 5e-3, 10_000  # a call is repeated until its times sum up to LEAST (s), at most MOST_CALLS times
 SLOW = 0.2  # s; a longer call is timed only in the first round
 
 

@@ -61,7 +61,7 @@ def integrator(kind: str, touching: bool, tolerance: float, number: Any) -> tupl
         T = k_t * (L0 - L) * x / L - front_on * front_force + rear_on * rear_force
     unit, clamped = length / (speed * speed), 1.0 + d * w
     rate, s_dot, F = zero + 1.0, zero + w, zero
-    if touching:  # not s**3: heyoka's series of s**3 divides by s, which is only BESIDE at onset
+    if touching:  # F has s * s * s, because heyoka's series of s**3 divides by s, which is only BESIDE at onset
         rate, s_dot = s, 0.5 * w
         F = pressed * k_c * length * hy.sqrt(length) * (s * s * s) * clamped  # paper, eq. 5 and 7
     tool = zero + a if kind == "Rigid" else (T - F) / m_t
@@ -86,7 +86,7 @@ def integrator(kind: str, touching: bool, tolerance: float, number: Any) -> tupl
 
 
 class Run:
-    """One approach, integrated at a tolerance. The first run of a coupling class at a tolerance compiles.
+    """One approach, integrated at a tolerance. The first run of a coupling class at a tolerance compiles code.
 
     `number` is the type of heyoka's numbers: float, or `heyoka.real128` with 34 digits.
     """

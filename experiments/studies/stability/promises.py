@@ -15,7 +15,7 @@ TRACED = FINISHED & pl.col("traced")
 
 
 class Promise(NamedTuple):
-    """A promise about rows of the storm. A row in which `kept` is null breaks the promise."""
+    """A promise about rows of the storm. A row breaks the promise if `kept` is false or null."""
 
     text: str
     number: pl.Expr  # shown for each row that breaks the promise
@@ -61,7 +61,7 @@ def failures(rows: pl.DataFrame) -> pl.DataFrame:
 
 
 def agreement(storm: pl.DataFrame, truths: pl.DataFrame) -> pl.DataFrame:
-    """Return rows that the independent solver solved; `apart`: V_p or the count `passes` differs, or our run failed."""
+    """Return the scenes that the independent solver solved; `apart`: V_p or `passes` differs, or our solver failed."""
     true = {f"true_{name}": name for name in ("velocity", "contacts", "passes")}
     empty = pl.DataFrame(schema=dict.fromkeys(true.values(), pl.Float64))  # for the columns, if no scene was solved
     known = pl.concat([truths.filter(FINISHED), empty], how="diagonal_relaxed").select("scene", **true)
@@ -73,7 +73,7 @@ def agreement(storm: pl.DataFrame, truths: pl.DataFrame) -> pl.DataFrame:
 
 
 def over_agreement(judged: pl.DataFrame, unknown: int) -> tuple[str, str, bool]:
-    """Return text, finding and verdict on the agreement of V_p; the independent solver failed in `unknown` scenes."""
+    """Return promise, finding and verdict about V_p; the independent solver failed in `unknown` scenes."""
     apart, errors = judged.filter("apart").height, judged["velocity_error"].drop_nans().to_numpy()
     words = f"{apart} of {judged.height} do not, the independent solver failed in {unknown}"
     words += f", median {np.median(errors):.1e}" if errors.size else ""

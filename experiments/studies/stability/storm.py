@@ -85,7 +85,7 @@ def storm_row(number: int) -> list[Row]:
 
 
 def truth_row(number: int, patience: float) -> list[Row]:
-    """Return the independent solver's solution of scene `number`; each method may take `patience` (s)."""
+    """Solve scene `number` by the independent solver. It may take `patience` (s) with each of its two methods."""
     approach = storm(number)
     law = approach.scene.contact
     d = damping_factor(law.dissipation, law.restitution, law.stiffness_exponent, law.damping_exponent)
@@ -120,7 +120,7 @@ def checked(scene: ig.Scene, outcome: ig.Outcome) -> dict[str, float]:
     for contact in outcome.contacts:
         after, striking = contact.object_velocity, before + contact.approach_velocity
         until = NEVER if contact.end is None else contact.end
-        rubbed = slowing * (until - since)  # m/s, largest loss of the object's velocity by friction
+        rubbed = slowing * (until - since)  # m/s, largest possible loss of the object's velocity by friction
         lost = contact.impulse - m_p * (after - before)
         impulse_error = max(-lost, lost - m_p * rubbed, 0.0) / max(contact.impulse, 1e-300)
         budgets.append((abs(contact.momentum_error), impulse_error))
@@ -162,8 +162,8 @@ def energy(scene: ig.Scene, trace: ig.Trace, contact: ig.ContactRecord) -> tuple
 def _work(
     target: ig.Object, time: Array, mass: Array, delta: Array, rate: Array, velocity: Array, force: Array
 ) -> tuple[Array, Array]:
-    """Return the work M a d(delta) (J) between points, and the impulse on the object up to each point (N s)."""
-    # impulse = momentum of the object + impulse of friction; without sliding, friction equals the contact force
+    """Return the work M a d(delta) (J) between points, and momentum plus friction impulse of the object (N s)."""
+    # contact impulse = change of momentum + friction impulse; without sliding, friction equals the contact force
     friction, passed = GRAVITY * target.mass * (target.friction or 0.0), np.diff(time)
     slides = velocity[1:] + velocity[:-1] != 0.0
     held = np.where(slides, friction * np.sign(velocity[1:] + velocity[:-1]), (force[1:] + force[:-1]) / 2)

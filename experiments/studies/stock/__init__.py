@@ -1,8 +1,8 @@
-"""Trainings with stable-baselines3 and sb3-contrib, with this folder's settings for rl_zoo3: cost over processor time.
+"""Measure the cost of policies from stable-baselines3 and sb3-contrib over the processor time of their training.
 
 Each algorithm trains five or ten policies in `ImpactApproach-v0`, and two in each of three other environments, with
-`ImpactVecEnv` and one thread of torch. At each time in MARKS and at the end, the policy plays objects that no training
-used.
+`ImpactVecEnv`, one thread of torch, and this folder's settings for rl_zoo3. At each time in MARKS and at the end, the
+policy plays objects that no training used.
 """
 
 import time
@@ -104,7 +104,7 @@ def other_costs(setup: str) -> list[Row]:
 
 
 def chart(found: pl.DataFrame, costs: Mapping[str, float]) -> Figure:
-    """Return a figure of cost over time: median, and range over the seeds; other controllers as horizontal lines."""
+    """Return a figure of cost over time, median and range of the seeds. Horizontal lines are other controllers."""
     figure = Figure(figsize=(8.0, 4.6))
     axes = figure.subplots()
     for algorithm, colour in zip(ALGORITHMS, (SERIES[1], *SERIES[3:], OTHERS), strict=True):
