@@ -52,9 +52,8 @@ def test_comparison_of_fronts_is_at_the_time_of_theirs():
 
 
 def test_along_reads_between_points_and_at_ends():
-    x, y = np.array([[3.0, 1.0, 2.0]]), np.array([[9.0, 1.0, 4.0]])
-    for at, expected in ((1.5, 2.5), (2.75, 7.75), (0.0, 1.0), (5.0, 9.0)):
-        assert along(x, y, np.array([at])) == pytest.approx([expected])
+    x, y = np.tile([3.0, 1.0, 2.0], (4, 1)), np.tile([9.0, 1.0, 4.0], (4, 1))
+    assert along(x, y, np.array([1.5, 2.75, 0.0, 5.0])) == pytest.approx([2.5, 7.75, 1.0, 9.0])
 
 
 @pytest.mark.parametrize(("n", "factor"), [(5, 4.203), (10, 2.911), (30, 2.220), (50, 2.065)])

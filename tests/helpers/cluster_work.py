@@ -33,8 +33,7 @@ def numbers(log, number, seconds=0.0):
     _called(log, number)
     time.sleep(seconds)
     drawn = np.random.default_rng(number).standard_normal((64, 64))
-    threads = [os.environ.get(name, "") for name in ONE_THREAD]
-    return {"product": drawn @ drawn.T, "number": number, "threads": threads}
+    return {"product": drawn @ drawn.T, "number": number, "threads": [os.environ.get(name, "") for name in ONE_THREAD]}
 
 
 def played(log, number, count):

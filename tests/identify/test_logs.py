@@ -58,6 +58,7 @@ FILES = {
     "Latin-1": table("time (\u00b5s);force (N);St\u00f6\u00dfe\n", ";", of_time=1e-6, end=";1").encode("latin-1"),
     "byte order mark": table("time,force\n").encode("utf-8-sig"), "UTF-16": table("time,force\n").encode("utf-16"),
     "old Mac": table("time,force\n").replace("\n", "\r"),
+    "accelerations": table("time,force,tool acc (mg),object acc in m/s^2\n", end=",1.5,2.5"),
 }  # fmt: skip
 
 
@@ -68,6 +69,8 @@ def test_file_of_a_recorder_is_read_in_seconds_and_newtons(name, tmp_path):
     log = read(tmp_path / "log.csv", "")
     assert log.time == pytest.approx(STAMPS, rel=1e-8, abs=1e-15)
     assert log.columns["force"] == pytest.approx(PUSHES, rel=1e-8)
+    more = [values[0] for key, values in log.columns.items() if key != "force"]
+    assert more == pytest.approx([1.5e-3 * 9.80665, 2.5] * (name == "accelerations"))
     assert log.said.startswith("read 20 samples at 51.2 kHz from ")
     assert ("not used: 'note', 'temp'" in log.said) == (name == "extra columns")
 

@@ -33,8 +33,7 @@ PYTHON = (
 SWAPS = {"+": "-", "-": "+", "*": "/", "/": "*", "<": ">=", ">=": "<", ">": "<=", "<=": ">", "==": "!=", "!=": "=="}
 WORDS = {"and": "or", "or": "and", "not": "", "min": "max", "max": "min", "fabs": "", "+=": "-=", "-=": "+="}
 PERCENT = 1.01  # factor of a number in Cython
-SAMPLE = json.loads((Path(__file__).parent / "sample.json").read_text("utf-8"))
-"""Keys by file."""
+SAMPLE = json.loads((Path(__file__).parent / "sample.json").read_text("utf-8"))  # keys by file
 
 
 @dataclass(frozen=True)
