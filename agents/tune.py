@@ -56,8 +56,8 @@ class Tune:
     seed: int = 1
     """Seed of the random numbers in the search."""
     bound: bool = False
-    """Also search for the bound: the lowest cost found for a controller that knows the scenario. The command skips
-    set-ups that use the bound of another set-up."""
+    """Also search for the bound: the lowest cost found for a controller that knows the scenario. A set-up that
+    uses the bound of another set-up gets no search for it."""
     at_rule_time: bool = False
     """Also tune each baseline for at most eight more time weights. The aim is a mean approach time at most 5 ms
     below that of the paper's rule, and another at most 5 ms above."""

@@ -196,12 +196,12 @@ cdef class Rows:
         Args:
             tasks: (size,) or (1,), TASK.
             draws: the draws of all tasks one after another (n,), DRAW.
-            laws: (size,), LAW; (1,) if there is one task and its episodes draw no number of the mount.
+            laws: (size,), LAW; (1,) if there is one task and its tool mass, coupling and robot are fixed numbers.
             tables: see `approach_rows`.
             chains, episodes, rewards: (size,), CHAIN, EPISODE and float64.
-            readings: (size, slots), READING.
-            ranges: (size, slots), RANGE_READING; no rows without a range sensor.
-            links, packets: (size,) LINK and (size, slots) PACKET; no rows without an operator.
+            readings: (size, n), READING.
+            ranges: (size, k), RANGE_READING; no rows without a range sensor.
+            links, packets: (size,) LINK and (size, p) PACKET; no rows without an operator.
             observations: (size, length), float32.
             entries: (length,), ENTRY, one for each number of an observation.
             recorder: see `approach_rows`; its trace is (size, points).

@@ -16,7 +16,7 @@ Losses = Callable[[Floats], Floats]
 
 
 class Minimum(NamedTuple):
-    """Best candidate of each problem."""
+    """Result of `minimise`: the best candidate of each problem, and the number of generations."""
 
     parameters: Floats  # (problems, k), k: number of parameters
     loss: Floats  # (problems,), m/s

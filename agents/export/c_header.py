@@ -36,12 +36,12 @@ def identifier(name: str) -> str:
 
 
 def write_header(controller: Policy | Rule | Subject, path: Path) -> Path:
-    """Write the header to `path`; the names in it begin with the stem of `path`."""
+    """Write the header to `path`; its functions and constants have names that begin with the stem of `path`."""
     return write_file(path, header(controller, identifier(path.stem)).encode("ascii"))
 
 
 def header(controller: Policy | Rule | Subject, name: str) -> str:
-    """Return the text of the header; every name in it begins with `name`."""
+    """Return the text of the header; the names of its functions and constants begin with `name`."""
     subject = controller if isinstance(controller, Subject) else Subject(controller)
     task, spec, value_of = subject.task, subject.spec, values(subject.spec)
     wrap = textwrap.TextWrapper(118, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False).wrap

@@ -162,7 +162,7 @@ def _read(path: Path, extended: tuple[Path, ...] = ()) -> dict[str, Any]:
 def _setup(path: Path, content: dict[str, Any]) -> Setup:
     version = content.get("version", VERSION)
     if version != VERSION:
-        raise ValueError(f"version must be {VERSION}, got {version!r}: the file is for another version of agents")
+        raise ValueError(f"version must be {VERSION}, got {version!r}: the file is for another version of impact-gym")
     known("", content, ("version", "title", "about", "fails", "extends", *TABLES))
     environment, training, baselines, evaluation = (table(content, name) for name in TABLES)
     known("environment.", environment, SET_UP_ARGUMENTS)

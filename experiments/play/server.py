@@ -61,7 +61,7 @@ class Client:
                     await asyncio.wait_for(self.socket.send(json.dumps(self._queue.pop(0))), TIME_LIMIT)
 
     async def receive(self) -> Any:
-        """Return the next message of the page. ValueError: it is not JSON, or messages arrive faster than RATE."""
+        """Return the next message from the page. ValueError: it is not JSON, or messages arrive faster than RATE."""
         try:
             message = json.loads(await self.socket.recv())
         except (ValueError, RecursionError):
@@ -163,7 +163,7 @@ async def _run(session: Session, listening: socket.socket, ready: Callable[[str]
 
 
 def serve(session: Session, port: int, ready: Callable[[str], None]) -> None:
-    """Serve until interrupted, and call `ready` with the address. ValueError: the port is in use or out of range."""
+    """Call `ready` with the address, then serve until interrupted. ValueError: the port is in use or out of range."""
     number("port", port, "-", at_least=0, at_most=65535)
     try:
         listening = socket.create_server((HOST, port))

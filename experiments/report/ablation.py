@@ -26,7 +26,7 @@ rule at every weight; with the rule's approach time, its V_p would be lower."""
 
 
 class Link(NamedTuple):
-    """A contestant, and the abilities that the contestant before does not have."""
+    """A contestant, and the abilities that it adds to those of the contestant before it."""
 
     added: str
     contestant: str

@@ -19,7 +19,7 @@ from impact_gym.simulation import simulate
 
 WIDE_RATIO = 2.0  # an interval is wide if the ratio of its larger end to its smaller end exceeds this
 WIDE_RESTITUTION = 0.3  # the restitution's interval is wide if its length exceeds this
-MIN_CORRELATION = 0.95  # two numbers are not separated if their |correlation| exceeds this and an interval is wide
+MIN_CORRELATION = 0.95  # two numbers are not separated if |correlation| exceeds this and one's interval is wide
 
 FALSE_ALARM = 1e-4  # probability that one test of the residuals rejects a correct model
 LAGS = 10  # largest lag, in samples, at which the residuals' autocorrelation is tested

@@ -96,7 +96,7 @@ cdef inline (double, double) mechanism_floor(const Mechanism *law, int side) noe
         return 0.0, INFINITY
     if side > 0:
         return mechanism_energy(law, 0.0), barrier
-    # behind the rear stop (stiffness k_s) the spring pushes with less than F, so energy falls by at most F^2 / (2 k_s)
+    # past the rear stop (stiffness k_s) the spring's force is below F: the energy falls there by at most F^2 / (2 k_s)
     return max(spring_energy(law, law.rear_stop) - 0.5 * F * F / law.stop_stiffness, 0.0), barrier
 
 

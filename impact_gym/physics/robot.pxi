@@ -13,10 +13,10 @@ cdef struct RobotTable:
 
 cdef struct RobotNow:
     double mass, stiffness, damping  # kg, N/m, N s/m: m_r, k_r, c_r
-    double mass_slope  # kg/m, derivative of the mass by the imposed position
+    double mass_slope  # kg/m, derivative of the mass with respect to the imposed position
 
 
-cdef struct RobotSlopes:  # further derivatives by the imposed position
+cdef struct RobotSlopes:  # further derivatives with respect to the imposed position
     double stiffness, damping  # N/m^2, N s/m^2
     double mass_bend  # kg/m^2, second derivative of the mass
 

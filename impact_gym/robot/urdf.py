@@ -101,7 +101,7 @@ def _parsed(content: bytes) -> Element:
     if {each.tag.partition(":")[0] for each in everything} & {"xacro", *declared}:
         raise ValueError("it is a xacro file: turn it into a URDF file first")
     if robot.tag != "robot":
-        raise ValueError(f"it is no URDF file: its root is <{robot.tag}>, not <robot>")
+        raise ValueError(f"its root element is <{robot.tag}>, not <robot>")
     return robot
 
 

@@ -300,7 +300,7 @@ cdef double clock_share(const Piece *now, const Work *work, double h) noexcept n
 
 
 cdef double bend_share(const Work *work, double h) noexcept nogil:
-    """Return the fraction of a flight's step at which the gap may be closing, though it opens at both ends; 1: none."""
+    """Return where in a flight's step (a fraction) the gap may shrink, though it grows at start and end; 1: nowhere."""
     cdef double w0 = work.x[RATE], w1 = work.trial[RATE], bend0 = h * work.rate[RATE], bend1 = h * work.trial_rate[RATE]
     cdef double share
     if w0 > 0.0 or w1 > 0.0 or not bend0 > 0.0 > bend1 or w0 + bend0 <= 0.0:

@@ -105,7 +105,7 @@ cdef struct Chain:  # state of motion of chain and object, and results so far
     double peak_object_velocity  # m/s, so far; without friction 0, until `approach` sets it to the final velocity
     double object_rest_time  # s, when the object last came to rest; 0: never
     double tool_rest_time  # s, time from which the tool counts as at rest; inf: not at rest, or no friction
-    double slide  # m, with friction: displacement of the object from start to rest, if no contact follows
+    double slide  # m, with friction: way of the object from its first position to rest, as if no contact followed
     double rest_time  # s, with friction: time from which both object and tool are at rest; inf if the tool is not
     double unread_force  # N, largest contact force since the last call of `take_peak`
     double coupling_impulse  # N s, of the coupling on the tool (paper, eq. 21), sum over the contacts in `logged`

@@ -67,7 +67,7 @@ cdef struct Episode:  # drawn numbers, state and results of an episode
     int64_t pushed  # number of readings taken so far, including those that are in transit at t = 0
     int64_t popped  # number of readings delivered to the controller
     double range_time  # s, when the newest range reading at the controller was taken; -inf: none
-    int64_t ranges_taken, ranges_delivered  # numbers of range readings taken and delivered, without lost ones
+    int64_t ranges_taken, ranges_delivered  # numbers of range readings taken and delivered; lost readings do not count
     int64_t control_steps
     int64_t terminated, truncated  # 0 or 1
     int64_t status  # 0, UNSETTLED, or the negative status of a failed solver

@@ -180,7 +180,8 @@ class Task:
         if self.deflection_sensor and isinstance(self.coupling, Rigid):
             raise ValueError("deflection_sensor must be False with a Rigid coupling, which has no deflection")
         if self.range_noise is None and (self.observe_range_noise or self.range_bias or "range_bias" in self.drawn):
-            raise ValueError("range_bias must be 0 and observe_range_noise False without an estimate: set range_noise")
+            given = "range_bias must be 0 and observe_range_noise False"
+            raise ValueError(f"{given} without an estimated distance (range_noise)")
         if self.range_sensor is not None:
             if self.range_noise is not None:
                 raise ValueError(f"range_noise must be None with a range_sensor, got {self.range_noise:g} m")
