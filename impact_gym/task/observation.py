@@ -107,8 +107,8 @@ class ObservationSpec:
 
 
 def place(name: str) -> int:
-    """Return the index of an observed number among all numbers of the record EPISODE; -1: EPISODE lacks it."""
-    return _PLACES.get(f"sensors.{name}", _PLACES.get(f"drawn.{name}", -1))
+    """Return the index of an observed number among all numbers of the record EPISODE."""
+    return _PLACES[f"sensors.{name}" if f"sensors.{name}" in _PLACES else f"drawn.{name}"]
 
 
 def affine(scale: Scale) -> tuple[float, float]:

@@ -127,11 +127,13 @@ def analyse(frames: Frames, _: bool) -> Findings:
     found = found.join(frames["others"], "setup").with_columns(id=pl.col("setup").replace(SETUPS))
     columns = {"Algorithm": "{algorithm}", "at": "{mark}", "processor time (s)": "{seconds:.0f}",
                "cost (m/s)": "{median:.3f} [{low:.3f}, {high:.3f}]", "trainings": "{count}"}  # fmt: skip
-    here, ends = found.filter(setup=FIRST), found.filter(mark="end").sort("setup", maintain_order=True)
+    here, elsewhere = found.filter(setup=FIRST), found.filter(pl.col("setup") != FIRST, mark="end")
     table = Table.of("Median [least, largest] cost of the trainings at each mark and at the end", here, columns)
     compared = {"paper's rule": "{rule:.3f}", "tuned profile": "{profile:.3f}", "shipped policy": "{policy:.3f}"}
     columns = {"Environment": "{id}"} | {name: columns[name] for name in columns if name != "at"} | compared
-    others = Table.of("The end of the training in each environment, beside other controllers", ends, columns)
+    others = Table.of(
+        "The end of the training, beside other controllers", elsewhere.sort("setup", maintain_order=True), columns
+    )
     best = here.filter(mark="end").sort("median").row(0, named=True)
     costs = dict(zip(compared, (best["rule"], best["profile"], best["policy"]), strict=True))
     answer = (f"{best['algorithm'].upper()} has the lowest median cost at the end of the training, "
