@@ -208,6 +208,7 @@ def _read_delays(environment: dict[str, Any], folder: Path) -> None:
 
 
 def _mixed(given: Any, task: Task) -> tuple[tuple[float, Mapping[str, Any]], ...]:
+    one_of("training.mixed", given, list)
     parts = []
     for place, part in enumerate(given):
         name = f"training.mixed[{place}]"

@@ -188,6 +188,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
             raise ValueError(f"seed must be one whole number or {self.num_envs} whole numbers, got {len(seeds)}")
         if not self._generators:
             self._generators = [seeding.np_random(each)[0] for each in seeds]
+            return
         for slot in np.flatnonzero(mask).tolist():
             if seeds[slot] is not None:
                 self._generators[slot] = seeding.np_random(seeds[slot])[0]
