@@ -39,7 +39,7 @@ class Build(build_py):
     """Copies modules into a wheel."""
 
     def build_module(self, module: str, module_file: str, package: Any) -> Any:
-        """Copy a module. In a wheel, modules of BELOW have `impact_gym.` before names of BELOW (imports, strings)."""
+        """Copy a module. In modules of BELOW in a wheel, put `impact_gym.` before names of BELOW (imports, strings)."""
         out, copied = super().build_module(module, module_file, package)
         if not self.editable_mode and any(f".{name}." in f"{package}." for name in BELOW):
             text = Path(out).read_text()

@@ -26,7 +26,7 @@ def archive_of(kind: str, content: Mapping[str, Any], arrays: Arrays) -> bytes:
 
 
 def read_archive(path: Path, kind: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Return content and arrays of an archive. ValueError: the file is missing, damaged or no `kind` file."""
+    """Return content and arrays of an archive. ValueError: the file is missing, damaged or of another format."""
     try:
         return unpacked(path.read_bytes(), kind)
     except Exception as error:  # a damaged file may raise any error
@@ -35,11 +35,11 @@ def read_archive(path: Path, kind: str) -> tuple[dict[str, Any], dict[str, NDArr
 
 
 def unpacked(packed: bytes, kind: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Return content and arrays of an archive; any exception means that the archive is damaged or no `kind` archive."""
+    """Return content and arrays of an archive; any exception means that it is damaged or of another format."""
     with NpzFile(io.BytesIO(packed), allow_pickle=False) as archive:
         parts = archive.zip.infolist()  # type: ignore[union-attr]  # `zip` is None after closing
         if (size := sum(part.file_size for part in parts)) > len(packed):
-            raise ValueError(f"its parts claim {size:,} bytes, more than the {len(packed):,} bytes of the file")
+            raise ValueError(f"its parts add up to {size:,} bytes, more than the {len(packed):,} bytes of the file")
         if compressed := [part.filename for part in parts if part.compress_type != zipfile.ZIP_STORED]:
             raise ValueError(f"{shown(compressed[0])} is compressed, which is not allowed")
         header = json.loads(str(archive["header"]))

@@ -29,8 +29,8 @@ class Check:
     """Check a set-up, and describe it.
 
     A set-up is a file that describes an arm, the objects that its tool touches, and the training and evaluation of
-    controllers. The command prints these settings. It plays the paper's rule in 500 scenarios, and prints the results.
-    It draws robot, tool and object to scale.
+    controllers. The command prints the main settings. It plays the paper's rule in 500 scenarios, and prints the
+    results. It draws robot, tool and object to scale.
     """
 
     setup: tyro.conf.Positional[str]

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from tqdm import tqdm
 
 Options = TypeVar("Options")
-LINE_EVERY = 30.0  # s, time between two lines of progress in a log
+LINE_EVERY = 30.0  # s, shortest time between two lines of progress in a log
 FORM = "{desc}: {n_fmt} of {total_fmt} after {elapsed}, {remaining} left"
 
 
@@ -65,7 +65,7 @@ def read_command(
 
     @registry.primitive_rule
     def plain_words(info: constructors.PrimitiveTypeInfo) -> constructors.PrimitiveConstructorSpec[Any] | None:
-        """Read a value as tyro does. In the help, "{None}|PATH" becomes "PATH" and "[STR [STR ...]]" "NAME ..."."""
+        """Read a value as tyro does. The help shows "PATH" for "{None}|PATH", and "NAME ..." for "[STR [STR ...]]"."""
         spec = usual_rule(registry.get_primitive_spec, info)
         if not isinstance(spec, constructors.PrimitiveConstructorSpec):
             return None
@@ -113,8 +113,8 @@ def command_line(name: str, after: str = "the same command continues") -> Iterat
 def command_of(name: str, options: Any, default: Any = None, *first: str) -> str:
     """Return the command line `impact-gym NAME ...` from which `read_command` reads `options`.
 
-    A named option is left out if `default` (None: the dataclass) has the same value. The words in `first` come before
-    the options.
+    A named option is left out if its value equals that in `default` (None: the default of the dataclass). The words in
+    `first` come before the options.
     """
     positional, named = _words(options, default)
     return shlex.join(["impact-gym", name, *first, *positional, *named])

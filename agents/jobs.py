@@ -87,7 +87,7 @@ def cached(
         folder: folder of the stored results, on this machine. Several processes may use this folder.
         depends: everything else that determines the results, such as the digest of the sources (`digest_of`).
         title: title of the progress bar.
-        processes: number of new processes on this machine; None: one for each core; 0: compute in this process.
+        processes: largest number of new processes on this machine; None: one for each core; 0: compute in this process.
         cluster: address of an existing Ray cluster that runs the calls. "ray": the address in RAY_ADDRESS, or else the
             cluster of this machine.
         seconds: time limit of a call; the start of a process does not count. Not allowed on a cluster;
@@ -177,12 +177,12 @@ def _call(function: Callable[..., Any], arguments: Mapping[str, Any], depends: s
     if module == "__main__":  # a command runs the module of `function` as a script
         module = getattr(sys.modules["__main__"].__spec__, "name", "")
     if not module or not name.isidentifier():
-        raise ValueError(f"other processes cannot import the function {name}: put it into a module, at its top level")
+        raise ValueError(f"other processes cannot import the function {name}: define it at the top level of a module")
     try:
         inspect.signature(function).bind(**arguments)
         return Call(f"{module}:{name}", json.dumps(arguments, sort_keys=True), depends, json.dumps(arguments))
     except TypeError as error:
-        raise WrongTypeError(f"arguments of {name} must be its keywords, with JSON values: {error}") from None
+        raise WrongTypeError(f"arguments of {name} must be keywords it accepts, with JSON values: {error}") from None
 
 
 def perform(call: Call, versions: Mapping[str, str]) -> bytes:

@@ -49,8 +49,8 @@ class Tune:
     """Number of scenarios in which the search tries each candidate (a set of parameters). Without this option, the
     number comes from the set-up."""
     budget: int | None = None
-    """Number of candidates for each time weight. Without this option, the number is `baselines.budget` of the
-    set-up."""
+    """Largest number of candidates for each time weight, rounded up to a multiple of --population. Without this option,
+    the number is `baselines.budget` of the set-up."""
     population: int = 16
     """Number of candidates in each generation of the search (CMA-ES)."""
     seed: int = 1

@@ -1,4 +1,4 @@
-"""Extension for the API reference: a field without docstring gets the comment on its line as docstring."""
+"""Extension for the API reference: an attribute without docstring gets the comment on its line as docstring."""
 
 import re
 from typing import Any

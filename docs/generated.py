@@ -95,7 +95,7 @@ def environment() -> str:
 
 
 def teleop() -> str:
-    """Return the docstring of `ImpactTeleopEnv` without its first paragraph and rows also in `ImpactApproachEnv`."""
+    """Return the docstring of `ImpactTeleopEnv` without first paragraph and table rows that `ImpactApproachEnv` has."""
     text = inspect.cleandoc(ImpactTeleopEnv.__doc__ or "").split("\n\n", 1)[1]
     shared = re.compile(r"^\| (?:\d|then) (?=(?:.*\|){6}$)(?!.*only with `operator`).*\n", re.MULTILINE)
     return shared.sub("", text)

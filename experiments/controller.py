@@ -47,7 +47,7 @@ class ControllerOptions:
 
 
 def copy_setup(setup: Setup, out: Path, quick: bool = False) -> Path:
-    """Copy the set-up's file to `out` and return the new path; ValueError: `out` is a file or has another run."""
+    """Copy the set-up's file to `out` and return the new path; ValueError: `out` is a file or has other content."""
     copy, sign = out / f"{setup.path.stem}.toml", out / "quick"
     if out.exists() and not out.is_dir():
         raise ValueError(f"out must be a folder, but {out} is a file")

@@ -204,20 +204,18 @@ def environment_of(about: Mapping[str, Any]) -> gym.Env[Any, Any]:
 
 
 def check(name: str) -> int:
-    """Replay a dataset, return the episode count; ValueError: unknown dataset or environment, or an episode differs."""
+    """Replay a dataset, return the episode count; ValueError: the dataset cannot be loaded, or an episode differs."""
     if not get_dataset_path(name).is_dir():
         known = ", ".join(minari.list_local_datasets()) or "none"
         raise ValueError(f"there is no dataset {name!r:.80} in {get_dataset_path()}, which has: {known}")
     about = MinariStorage.read_raw_metadata(get_dataset_path(name) / "data")
-    made = f"it was made with {', '.join(about.get('requirements', ['?']))}, solver {about.get('solver', '?')}"
+    made = f"the dataset was made with {', '.join(about.get('requirements', ['?']))}, solver {about.get('solver', '?')}"
     other = f"{made}; installed are impact-gym {version('impact-gym')}, solver {compiled_from()}"
     try:
         env = environment_of(about)  # first, because `load_dataset` may import modules that the metadata name
         dataset = minari.load_dataset(name)
     except (AssertionError, AttributeError, LookupError, TypeError, ValueError, gym.error.Error) as problem:
-        raise ValueError(
-            f"{name} has an environment that is not of this package ({reason(problem)}): {other}"
-        ) from problem
+        raise ValueError(f"{name} cannot be loaded ({reason(problem)}): {other}") from problem
     abouts = dataset.storage.get_episode_metadata(range(dataset.total_episodes))
     for episode, begun in zip(tqdm(dataset, name, unit="episodes"), abouts, strict=True):
         record = begun.get("options", {}).get("record", {})

@@ -128,7 +128,7 @@ def _numbers(
     for k, line in rows.items():
         row = _split(line, layout.separator)
         if max(places.values()) >= len(row):
-            raise ValueError(f"line {k} must have {layout.least} values, got {shown(line)}")
+            raise ValueError(f"line {k} must have at least {layout.least} values, got {shown(line)}")
         for name, place in places.items():
             if not NUMBERS[layout.decimal].fullmatch(row[place]) and (row[place] or not wanted[name].may_be_empty):
                 raise ValueError(f"line {k}: {name} must be a number, got {shown(row[place])}")
@@ -172,8 +172,8 @@ def _sources(
         raise ValueError(f"line {between[0] + 1} must have units or numbers, got {shown(lines[between[0]])}")
     words = _split(lines[between[0]], layout.separator) if between and not heads else []
     if len(words) > 1 and (layout.separator or len(words) == layout.least or any(_meaning(w, wanted) for w in words)):
-        raise ValueError(f"line {between[0] + 1} must name the {layout.least} columns of numbers below it "
-                         f"(known: {allowed}), got {shown(lines[between[0]])}")  # fmt: skip
+        raise ValueError(f"line {between[0] + 1} must name the {layout.least} or more columns below it, "
+                         f"with known names ({allowed}), got {shown(lines[between[0]])}")  # fmt: skip
     if not heads and layout.least != len(unnamed):
         raise ValueError(f"{layout.least} columns must have names (known: {allowed}), got none")
     meanings = [_meaning(head, wanted) or ("", "") for head in heads] or [(name, "") for name in unnamed]

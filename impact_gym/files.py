@@ -56,7 +56,7 @@ def parsed(
             raise ValueError(f"it must have at most {LARGEST:,} bytes")
         return parse(decode(content) if decode else io.TextIOWrapper(io.BytesIO(content), "utf-8-sig").read())
     except (OSError, ValueError, TypeError, AttributeError, LookupError, RecursionError, csv.Error) as error:
-        raise ValueError(f"{path} is not read as {kind}: {reason(error)}") from error
+        raise ValueError(f"{path} cannot be read as {kind}: {reason(error)}") from error
 
 
 def reason(error: Exception) -> str:
@@ -127,7 +127,7 @@ def locked(path: Path, wait: bool = True) -> Iterator[None]:
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.is_symlink() or (path.exists() and not path.is_file()):
-        raise ValueError(f"{path} must be a regular file, because it locks its folder: remove what has this name")
+        raise ValueError(f"{path} must be a regular file, because it is the lock of its folder: remove or rename it")
     with path.open("a") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))

@@ -28,8 +28,8 @@ class Draw(NamedTuple):
     """How an episode draws a number: uniformly, log-uniformly (`by_ratio`, if the range begins above 0) or normally.
 
     An episode takes uniform numbers in [0, 1) from the environment's generator. A draw uses the number at index
-    `place`. A normal draw also uses the next number. With `own_stream`, a draw uses the number at index -1 - `place`
-    of the random numbers that `noise_seed` seeds. Places never change, so that a new draw changes no other draw.
+    `place`. A normal draw also uses the next number. With `own_stream`, a draw uses a hash of -1 - `place`
+    and the drawn `noise_seed`, even if another is given. Places never change, so that a new draw changes no other draw.
     """
 
     place: int

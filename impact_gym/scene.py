@@ -57,11 +57,11 @@ class Contact(Parameters, path="contact"):
 
     delta is the penetration in m, delta_dot its rate, k_c the stiffness, chi the hysteresis damping. The default, m = n
     = 3/2, is for a sphere; m = 1 and n = 0 give a linear spring and damper. `dissipation` names the law that gives chi
-    for a nominal restitution. With "exact" an isolated contact has the nominal restitution. With "hu-guo" (paper, eq.
-    7) and m = n the restitution is 0.4877 for a nominal 0.5, and 0.0741 for 0.1 (docs/provenance.md). The other laws
-    are in `physics.dissipation`. With all laws but "fixed" the restitution is the same for all approach velocities from
-    1e-6 m/s on. With "fixed" chi is constant: a contact that begins at `reference_velocity` has the nominal
-    restitution. With "fixed" and m = n, a faster contact has a lower restitution, as in measurements.
+    for a nominal restitution of an isolated contact (no other force). With "exact" the contact has this restitution.
+    With "hu-guo" (paper, eq. 7) and m = n it has 0.4877 for a nominal 0.5, and 0.0741 for 0.1 (docs/provenance.md). The
+    other laws are in `physics.dissipation`. With all laws but "fixed" the restitution is the same for all approach
+    velocities from 1e-6 m/s on. With "fixed" chi is constant: a contact that begins at `reference_velocity` has the
+    nominal restitution; if m = n, a faster contact has a lower one, as in measurements.
     """
 
     checked_by_itself: ClassVar = ("stiffness",)  # checked below, because its unit depends on the exponent
@@ -114,10 +114,10 @@ class Bistable(Parameters, path="coupling"):
 
     The tool is fixed to its slider. Positions of the slider are measured from the alignment, where the spring is
     perpendicular to the slider's path. A stop is a linear spring and damper that never pulls; its damping is 2 zeta_s
-    sqrt(k_s m_t), with the tool mass m_t. At zeta_s = 1 the restitution is exp(-2) = 0.135; the paper's stops are
-    completely inelastic. The paper prints no position, stiffness or damping of a stop (docs/provenance.md). At t = 0
-    the spring presses the slider against the front stop. The slider leaves this stop if the flange acceleration exceeds
-    `holding_force` / m_t.
+    sqrt(k_s m_t), with the tool mass m_t. At zeta_s = 1 the restitution of a stop is exp(-2) = 0.135; the paper's stops
+    are completely inelastic. The paper prints no position, stiffness or damping of a stop (docs/provenance.md). At
+    t = 0 the spring presses the slider against the front stop. The slider leaves this stop if the flange acceleration
+    exceeds `holding_force` / m_t.
     """
 
     stiffness: float = 50.0  # N/m, k
@@ -133,7 +133,7 @@ class Bistable(Parameters, path="coupling"):
         if not self.height < self.free_length:
             raise ValueError(
                 f"Bistable.height must be below Bistable.free_length = {self.free_length!r} m, got {self.height!r} m: "
-                "a spring that is not compressed at its alignment has only one stable position"
+                "two stable positions need a spring that is compressed where it is perpendicular to the path"
             )
         stroke = self.stroke
         if not 0 < self.front_stop < stroke:
@@ -244,7 +244,7 @@ class Scene:
 
 
 def warn_of_stroke(coupling: Coupling, tool_mass: float, acceleration: float) -> None:
-    """Warn if the tool would lie against a stop under a steady `acceleration` (m/s^2) of the arm."""
+    """Warn if a tool on a spring with a stroke would lie against a stop at a steady `acceleration` (m/s^2)."""
     if not isinstance(coupling, SpringDamper) or not coupling.stroke:
         return
     if (rest := acceleration * tool_mass / coupling.stiffness) > coupling.stroke:

@@ -43,8 +43,8 @@ def simulate(
         scene: the bodies and their connections, at rest at t = 0.
         motion: imposed motion of the robot.
         duration: length of the run, s.
-        rtol: relative error allowed in the results of contacts. Between contacts, motions with a closed form are exact;
-            with a bistable coupling, stops, a `RobotTable` or a spring on a `Robot`, they are integrated to `rtol`.
+        rtol: relative error allowed in the results of contacts. Between contacts, the motion is integrated to `rtol`
+            with a bistable coupling, stops, a `RobotTable`, or a `SpringDamper` on a `Robot`; otherwise it is exact.
         trace: whether to return time histories; other results do not change. Between contacts their points are at most
             1 ms apart, or 1e-5 of `duration` if that is longer. A contact has 8 or 12 points per integration step.
 
@@ -98,7 +98,7 @@ def sweep(
 ) -> Outcomes:  # fmt: skip
     """Simulate many approaches that differ from `scene` and `motion` in the numbers of `varied`.
 
-    The results are equal, bit for bit, to those of `simulate`.
+    The results are equal, bit for bit, to those of `simulate`; if a run cannot finish, its floats are nan.
 
     Args:
         scene: the common scene; the types of coupling and robot cannot be varied.
@@ -219,7 +219,7 @@ FROZEN = "frozen where the object stands"
 
 
 def _simpler_models(line: Approach | None) -> Iterator[tuple[str, Callable[[Scene], Scene]]]:
-    """Yield name and function of each simpler model. With a `line`, the robots are rigid, or come from its tables."""
+    """Yield each simpler model's name and the function that simplifies a scene; a `line` gives the robots' tables."""
     robots: dict[str, Any] = {"robot rigid": None}
     if line is None:
         robots = {"": "its own", f"robot {FROZEN}": "its own", **robots}
@@ -242,7 +242,7 @@ def _timed(
     motion: Trapezoid, duration: float, quantity: Advised, scenes: Sequence[Scene],
     arm: tuple[Arm, Approach] | None = None,
 ) -> tuple[Array, float]:  # fmt: skip
-    """Return the quantity for each scene, and the time (s) to compute all scenes, the shortest of several runs."""
+    """Return the quantity for each scene, and the time (s) for all scenes, the shortest of ROUNDS (with `arm` one)."""
     from impact_gym.robot.all_joints import simulate as simulate_arm  # imported here, because this takes 40 ms
 
     times: list[float] = []

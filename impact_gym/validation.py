@@ -33,10 +33,10 @@ def shown(value: Any, longest: int = 200) -> str:
 
 
 def nearest(kind: str, name: str, known: Iterable[str]) -> str:
-    """Return a message about an unknown `name` of a `kind` ("set-up"), with a similar name or all known names."""
+    """Return a message that no `kind`, such as "set-up", is called `name`, with a similar name or all known names."""
     names = sorted(known)
     near = get_close_matches(name, names, 1)
-    return f"no {kind} {shown(name)}: " + (f"{near[0]}?" if near else f"there are {', '.join(names)}")
+    return f"no {kind} {shown(name)}: " + (f"did you mean {near[0]}?" if near else f"there are {', '.join(names)}")
 
 
 def unit_text(unit: str, preposition: str = "") -> str:
@@ -107,7 +107,7 @@ def identifier(field: str, value: Any) -> str:
 def fits_memory(field: str, count: int, each: int) -> None:
     """Raise ValueError if `count` items of `each` bytes exceed the memory of this machine."""
     if hasattr(os, "sysconf") and count * each > (most := os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")):
-        needed = f"so many take {count * each / 2**30 if count < 10**15 else math.inf:,.0f} GiB"
+        needed = f"this needs {count * each / 2**30 if count < 10**15 else math.inf:,.0f} GiB"
         raise ValueError(
             f"{field} must fit into memory, got {shown(count)}: {needed}, this machine has {most / 2**30:,.0f} GiB"
         )
@@ -144,9 +144,9 @@ def choice(field: str, value: Any, allowed: Container[str | None]) -> None:
 def array(
     field: str, values: Any, shape: tuple[int, ...] | None = None, kinds: str = "fiu", what: str = "numbers"
 ) -> NDArray[Any]:
-    """Return `values` as an array; raise TypeError if the dtype's kind is not in `kinds`, ValueError for another shape.
+    """Return `values` as an array. `what` describes the dtype kinds `kinds` in messages. Numbers need not be finite.
 
-    `what` describes `kinds` in messages. Numbers need not be finite.
+    Raise TypeError for rows of unequal length or a dtype whose kind is not in `kinds`, ValueError for another shape.
     """
     try:
         result = np.asarray(values)
@@ -160,7 +160,7 @@ def array(
 
 
 def rising(field: str, time: Sequence[float], name: str, values: Sequence[float]) -> None:
-    """Raise ValueError unless the finite numbers `time` (s), 2 or more, rise from 0 s and are as many as `values`."""
+    """Raise ValueError unless the finite `time` (s) rises from 0 s and has 2 entries or more, as many as `values`."""
     if len(values) != len(time) or len(time) < 2:
         got = f"{len(time)} times and {len(values)} values"
         raise ValueError(f"{field} needs 2 or more times in s, each with a {name}, got {got}")

@@ -47,7 +47,7 @@ class PaperTrapezoid(ConstantSpeed):
 
 
 class LocalBrake(ConstantSpeed):
-    """Follow the operator's command; while the alarm is on, brake to rest at the arm's largest deceleration."""
+    """Follow the operator's command; while the alarm is on, brake to rest at 20 m/s^2 or, if lower, the arm's limit."""
 
     def __init__(self) -> None:
         super().__init__(VELOCITY_RANGE[1], ACCELERATION_RANGE[1])

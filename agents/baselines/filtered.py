@@ -61,7 +61,7 @@ class FilteredProfile(StretchedProfile):
         return View(view.observation, view.spec, **own), state
 
     def swing(self, deflection: Floats, rate: Floats, gained: Floats) -> tuple[Floats, Floats]:
-        """Return deflection (m) and its rate (m/s) after a step; the flange gains `gained` (m/s) (paper, eq. 17)."""
+        """Return the next deflection (m) and rate (m/s); `gained`: rise of the flange velocity, m/s (paper, eq. 17)."""
         coupling, period = self.task.coupling, self.task.control_period
         if not isinstance(coupling, SpringDamper):
             return deflection, rate

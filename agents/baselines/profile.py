@@ -98,7 +98,7 @@ class ConstantDeceleration(ReactingRule):
 
 
 class Ranged(ReactingRule):
-    """Brake with constant deceleration to the `contact speed`, reached at `margin` (m) before the estimated place."""
+    """Brake with constant deceleration to the `contact speed`, reached `margin` (m) before the estimated place."""
 
     NEEDS: ClassVar[Mapping[str, Any]] = {"range_noise": 0.01}
     PARAMETERS = (

@@ -13,7 +13,7 @@ from impact_gym.validation import WrongTypeError, number
 Floats = NDArray[np.float64]
 
 DISTANCES = ScenarioRanges().distance
-"""Default range of the objects' distances, m. Positions in parameters are for this range, see `Rule.placed`."""
+"""Default range of the objects' distances, m. `Rule.placed` takes positions that are given for this range."""
 LEAST_STRETCH = 0.01  # m; `Rule.placed` treats a smaller near end or width of a range of distances as this value
 SLOWEST = 1e-9  # m/s; a rule divides by the operator's speed, or by this number if the speed is smaller
 CLOCK = 1e-6  # s, tolerance in comparisons of observed times
@@ -32,7 +32,7 @@ class Parameter(NamedTuple):
 class View:
     """Observations, an array (..., n_obs).
 
-    `view[id]` (...) is the number with this id, in SI units. Numbers in `own` replace the observed numbers.
+    `view[id]` (...) is the number with this id, in SI units. Numbers in `own` replace observed ones or add to them.
     """
 
     def __init__(self, observation: ArrayLike, spec: ObservationSpec, **own: Floats) -> None:
@@ -54,7 +54,7 @@ class Rule:
     NEEDS: ClassVar[Mapping[str, Any]] = {}
     """Arguments of an environment that has all observations the rule needs."""
     KNOWS: ClassVar[tuple[str, ...]] = ()
-    """Names of the environment's arguments whose values the rule uses, see `agents.evaluate.play.controller_of`."""
+    """Names of arguments whose values a tuned rule keeps from its tuning, see `agents.evaluate.play.controller_of`."""
     weights: Sequence[float] = ()
     """Time weights (m/s per s), ascending, for which the rows of `parameters` (weights, k) were tuned; see `at`."""
 
@@ -63,7 +63,7 @@ class Rule:
         kind: Any = type(self)
         self.parameters = np.array(parameters, np.float64)
         if self.parameters.ndim not in (1, 2) or self.parameters.shape[-1] != len(self.names()):
-            takes = f"{kind.__name__} takes numbers (k,) or (rows, k) for its parameters {self.names()}"
+            takes = f"{kind.__name__} needs an array (k,) or (rows, k), k = {len(self.names())}, for {self.names()}"
             raise WrongTypeError(f"{takes}, got an array of shape {self.parameters.shape}")
         for parameter, values in zip(self.PARAMETERS, np.moveaxis(self.parameters, -1, 0), strict=True):
             for value in (values.min(), values.max()):
@@ -121,7 +121,7 @@ class Rule:
         return self.parameters[..., self.names().index(name)]
 
     def columns(self, first: str, count: int) -> Floats:
-        """Return `count` parameters (..., count) from the name `first` on."""
+        """Return `count` successive parameters (..., count); the first of them has the name `first`."""
         place = self.names().index(first)
         return self.parameters[..., place : place + count]
 

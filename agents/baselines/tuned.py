@@ -67,7 +67,7 @@ def read_tuned(name: str, folder: Path | None = None, setup: Setup | None = None
         raise ValueError(nearest("baseline", name, [*FIXED, *shipped_baselines()]))
     remedy = f"run impact-gym tune {setup.called if setup else 'SETUP'} --out {path.parent}"
     if not path.is_file():
-        raise ValueError(f"baseline {name!r} was not tuned, there is no {path}: {remedy}")
+        raise ValueError(f"baseline {name!r} was not tuned (there is no file {path}): {remedy}")
     try:
         content: dict[str, Any] = parsed(path, "JSON", json.loads)
         rest = {field: value for field, value in content.items() if field != "sha256"}
@@ -82,12 +82,12 @@ def read_tuned(name: str, folder: Path | None = None, setup: Setup | None = None
         raise ValueError(f"{path} is no tuned baseline, or it is damaged: {error}; {remedy}") from error
     if other:
         what = "table of parameters" if other[0] == "parameters" else other[0]
-        raise ValueError(f"{path} has another {what} than this version or the set-up: {remedy}")
+        raise ValueError(f"the {what} in {path} differs from that of this version or of the set-up: {remedy}")
     return content
 
 
 def write_tuned(name: str, weights: Mapping[str, Any], setup: Setup, folder: Path = TUNED) -> Path:
-    """Write the file of a baseline, with the result for each weight, atomically; return the path."""
+    """Write the file of a baseline atomically, with the result for each time weight; return the path."""
     ordered = {key: weights[key] for key in sorted(weights, key=float)}
     made_for = {**_description(name, setup.tuned[name].rule), "environment": dict(setup.environment)}
     content = json.loads(json.dumps({**made_for, "weights": ordered}))
@@ -127,11 +127,11 @@ def read_bound(setup: Setup, folder: Path = TUNED, generations: int = BOUND_GENE
     search = {"set": BOUND_SET, "parameters": Clairvoyant.names(), "generations": generations}
     if content != search or not setup.describes(Task(**environment)):
         remedy = f"run impact-gym tune {setup.called} --bound"
-        raise ValueError(f"{path} has the bound for another environment or from another search: {remedy}")
+        raise ValueError(f"{path} has a clairvoyant bound for another environment or other search settings: {remedy}")
     return {float(weight): parameters for weight, parameters in arrays.items()}
 
 
 def bound_of(setup: Setup, folder: Path = TUNED) -> dict[float, Floats]:
-    """Return the best parameters (scenarios, k) for each time weight of the evaluation; empty if one is missing."""
+    """Return the best parameters (scenarios, k) at each time weight of the evaluation; empty if a weight is missing."""
     by_weight, weights = read_bound(setup, folder), setup.evaluation.weights
     return {weight: by_weight[weight] for weight in weights} if by_weight.keys() >= set(weights) else {}

@@ -1,8 +1,8 @@
 """Let a controller play scenarios. The arguments of `play` are plain data that can be sent to another machine.
 
 Scenarios have one of three forms. `{"set": name, "count": n}`: the first n of a shipped set. `{"table":
-{field: values}, "seed": s, "count": n}`: the first n of the table. `{"ranges": ranges, "seed": s, "count": n}`: the
-first draws of environments seeded s, s + 1, ...; here `ranges` is `{field: pair}` or the name of shipped ranges.
+{field: values}, "seed": s, "count": n}`: the first n of the table, with the seeds s, s + 1, ... `{"ranges": ranges,
+"seed": s, "count": n}`: the first draws of environments with these seeds; `ranges` is `{field: pair}` or a set's name.
 
 A controller is a mapping with one key. `{"policy": text}`: a policy's file in base 64. `{"baseline": name}`: a shipped
 baseline. `{"tuned": content}`: the content of a tuned baseline's file. `{"clairvoyant": {weight: parameters}}`: a
@@ -94,8 +94,8 @@ _shipped = lru_cache(maxsize=4)(evaluation_sets.load)  # the four sets used last
 def controller_of(spec: Mapping[str, Any], time_weight: float, task: Task | None = None) -> Controller:
     """Return the controller that `spec` describes, for a time weight (m/s per s) and a task.
 
-    A tuned baseline keeps the values of its tuning for the arguments that its class names in KNOWS. If `task` does not
-    set the argument `scenario`, a rule keeps the scenario ranges of its own task.
+    A tuned baseline keeps the arguments in its KNOWS as they were in its tuning. If `task` does not set the argument
+    `scenario`, a rule keeps the scenario ranges of its own task.
     """
     ((kind, value),) = spec.items()
     if kind not in KINDS:

@@ -31,7 +31,7 @@ class Episodes:
     """Results of one controller; each array has an entry for each row of the batch."""
 
     object_velocity: NDArray[np.float64]  # m/s, V_p: the object's final velocity; with friction, its largest velocity
-    approach_time: NDArray[np.float64]  # s, time until the touch; with an operator, `done_time`
+    approach_time: NDArray[np.float64]  # s, time until the touch, else the horizon; with an operator, `done_time`
     peak_force: NDArray[np.float64]  # N, largest contact force
     contact_count: NDArray[np.int64]
     missed: NDArray[np.bool_]
@@ -126,7 +126,7 @@ class ScenarioBatch:
         failed = info["status"] != "ok"
         if failed.any() and not self.lenient:
             row = int(failed.argmax())
-            raise RuntimeError(f"scenario seeded {self.seed + row % self.count}: {info['status'][row]}")
+            raise RuntimeError(f"scenario with seed {self.seed + row % self.count}: {info['status'][row]}")
         scenario = {name: values.copy() for name, values in info["scenario"].items()}
         results = {name: np.array(info[name]) for name in MEASURED if name in info}
         results["missed"] |= failed

@@ -20,7 +20,7 @@ from impact_gym.validation import whole
 
 Floats = NDArray[np.float32]
 AGREEMENT = 1e-6
-"""Allowed difference between an action (-1 ... 1) from a written file and from the policy. The policy computes in
+"""Allowed difference between the actions (-1 ... 1) of a written file and those of the policy. The policy computes in
 float32; its rounding errors are allowed in addition."""
 SAME_COMMANDS = 1e-5  # allowed difference of commands in C from those in Python, as a fraction of the command's range
 OBSERVATIONS = 10_000
@@ -125,7 +125,8 @@ def judged_replay(header: Path, played: tuple[float, NDArray[np.float64]] | None
         return f"{header}: its controller is not checked: no C compiler, or it uses values that no sensor measures"
     difference, seconds = played
     if not difference <= SAME_COMMANDS:
-        raise ValueError(f"{header}: its commands differ by {difference:.1e} of the range, more than {SAME_COMMANDS:g}")
+        raise ValueError(f"{header}: commands in C and in Python differ by {difference:.1e} of their range, more than "
+                         f"{SAME_COMMANDS:g}")  # fmt: skip
     return (f"{header}: {episodes:,} episodes replayed, commands differ by at most {difference:.1e} of their range; "
             f"of {len(seconds):,} calls 99.9 % take at most {1e6 * np.quantile(seconds, 0.999):.1f} us, the slowest "
             f"{1e6 * seconds.max():.0f} us; the control period is {1e6 * period:,.0f} us")  # fmt: skip

@@ -26,7 +26,7 @@ from impact_gym.task.observation import CURVES, affine
 from impact_gym.task.task import ACCELERATION_RANGE, VELOCITY_RANGE
 from impact_gym.teleop.link import FADE
 
-CLOCK = 1e-9  # s; times that differ by less than this count as equal
+CLOCK = 1e-9  # s, tolerance in comparisons of the times of operator commands
 C_ACTIVATIONS = {"tanh": "tanhf((float)sum)", "relu": "sum > 0.0 ? (float)sum : 0.0f", "none": "(float)sum"}
 
 
@@ -36,7 +36,7 @@ def identifier(name: str) -> str:
 
 
 def write_header(controller: Policy | Rule | Subject, path: Path) -> Path:
-    """Write the header to `path`; its functions and constants have names that begin with the stem of `path`."""
+    """Write the header to `path`; its functions and constants have names that begin with `identifier(path.stem)`."""
     return write_file(path, header(controller, identifier(path.stem)).encode("ascii"))
 
 
@@ -124,7 +124,7 @@ def values(spec: ObservationSpec) -> dict[str, str]:
 
 
 def _scale(entry: Quantity, value: str) -> tuple[str, float, float, float]:
-    """Return C code for the scale's curve at `value`, and the low end, gain and scaled low end of the scale."""
+    """Return C code that applies the scale's curve to `value`, the offset and gain of `affine`, and `scaled_low`."""
     low, gain = affine(entry.scale)
     bent = value if entry.scale.curve == "linear" else f"{entry.scale.curve}({value})"
     return bent, low, gain, entry.scale.scaled_low

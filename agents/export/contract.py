@@ -52,7 +52,7 @@ class Subject:
     """A controller to export: a policy, or a rule with its parameters for one time weight or several."""
 
     def __init__(self, controller: Policy | Rule, validation: Any = None, command: str = "") -> None:
-        """Describe a controller. A policy's provenance has the default `validation` (scores, JSON) and `command`."""
+        """Describe a controller. An empty `validation` (scores, JSON) or `command` comes from a policy's provenance."""
         if not isinstance(controller, Policy | Rule):
             raise ValueError(f"controller must be a policy or a rule to be exported, got {type(controller).__name__}")
         self.controller, self.task = controller, controller.task

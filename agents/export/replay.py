@@ -80,7 +80,7 @@ def compiled(subject: Subject, header: Path, folder: Path, *how: str, language: 
 
 
 def replay(subject: Subject, program: ctypes.CDLL, log: Log, calls: int) -> tuple[float, Floats]:
-    """Replay a log; return the largest command difference (fraction of the range), and times (s) of `calls` calls."""
+    """Replay a log; return the largest error of a command (fraction of the range), and times (s) of `calls` calls."""
     steps = log.steps.astype(np.int32)
     commands, seconds = np.zeros_like(log.commands), np.zeros(calls)
     arrays = log.sensors.ctypes, steps.ctypes, log.time_weight.ctypes

@@ -111,7 +111,7 @@ class Ensemble:
             raise ValueError(f"the policies' seeds must differ and include chosen = {shown(self.chosen)}, got {seeds}")
         kinds = [(policy.task, policy.network.description()) for policy in self.policies]
         if any(kind != kinds[0] for kind in kinds):
-            raise ValueError("policies of an ensemble must have one environment and one kind of network")
+            raise ValueError("policies of an ensemble must have the same environment and the same kind of network")
 
     def __getitem__(self, seed: int | None) -> Policy:
         """Return the policy of a seed; None: the chosen policy."""

@@ -14,7 +14,7 @@ from impact_gym.validation import distinct, number, numbers, whole
 
 WEIGHTS = (0.7, 1.0, 2.0, 4.0)  # m/s per s, default time weights
 RESERVED = ("time_weight", "privileged", "max_episode_steps")
-"""Arguments of the environment that a set-up must not have: training and evaluation choose these arguments."""
+"""Arguments of the environment that a set-up must not have."""
 SET_UP_ARGUMENTS = tuple(name for name in ARGUMENTS if name not in RESERVED)
 AS_TRAINED = "as trained"
 
@@ -34,7 +34,7 @@ VARIED: Mapping[str, Any] = {
     "robot": ["rigid"],
     "robot.stiffness": {"times": [0.5, 1.0, 2.0]},
 }
-"""Default of `Evaluation.varied`, see `usual`."""
+"""Values from which `usual` makes the default of `Evaluation.varied`."""
 MAY_BE_NONE = ("robot", "coupling.stroke")
 """Arguments that can be varied even if the set-up does not have them."""
 
@@ -57,9 +57,9 @@ class Evaluation:
     """Number of scenarios to play, from the first of the set on."""
     varied: Mapping[str, Any] = field(default_factory=lambda: usual({}, COMPLIANT))
     """Values of arguments, such as robot.stiffness; one argument is changed at a time. An argument has a list of values
-    or a table {times = [...]} of multiples of the set-up's value. For `scenario`, the list has names of sets."""
+    or a table {times = [...]} of multiples of the set-up's value. For `scenario`: names of sets, or "as trained"."""
     nominal: Mapping[str, Any] = field(default_factory=dict)
-    """Arguments with fixed values, instead of the set-up's ranges, in all variations of `varied`. In a file, robot =
+    """Values of arguments that replace the set-up's values or ranges in all variations of `varied`. In a file, robot =
     "rigid" means no robot compliance."""
 
     @classmethod
@@ -120,8 +120,8 @@ class Change:
     argument: str  # name of the changed argument, such as robot.stiffness
     label: str
     value: float  # new value in the argument's unit, or a factor, see `multiple`; nan: the new value is not a number
-    multiple: bool  # whether `value` is a multiple of the environment's own value
-    environment: Mapping[str, Any]  # all arguments of the environment, after the change
+    multiple: bool  # whether `value` is a factor that multiplies the environment's own value
+    environment: Mapping[str, Any]  # arguments of the environment after the change
     scenarios: str = ""  # name of the evaluation set to play; empty: `Evaluation.set`
     same: bool = False  # whether the new value equals the environment's own value
 
@@ -133,14 +133,14 @@ def variants(evaluation: Evaluation, environment: Mapping[str, Any]) -> list[Cha
 
 
 def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool = False) -> Iterator[Change]:
-    """Yield the changes of one argument. Invalid values (without `strict`) are left out; an unknown set is an error."""
+    """Yield the changes of one argument. Without `strict`, invalid values are left out. An unknown set is an error."""
     where = f"evaluation.varied.{name}"
     multiples = isinstance(values, Mapping)
     if multiples:
         known(f"{where}.", values, ("times",))
     listed = values.get("times") if multiples else values
     if not isinstance(listed, list) or not listed:
-        raise ValueError(f"{where} must be a list of values, or a table {{ times = [...] }}, got {values!r}")
+        raise ValueError(f"{where} must be a list of one or more values or a table {{ times = [...] }}, got {values!r}")
     distinct(where, list(map(_label, listed)))
     if name == "scenario":
         for scenarios in listed:

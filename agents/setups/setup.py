@@ -47,7 +47,7 @@ class Tuned(NamedTuple):
     rule: str  # name of the rule, one of RULES
     rtol: float = Task.rtol  # relative tolerance of simulations in the search; the validation uses the task's rtol
     clean_alarm: bool = False  # whether the exact contact force raises the alarm in search and validation
-    jitter: float = 0.0  # standard deviation of the errors that the search adds to actions / range of an action
+    jitter: float = 0.0  # standard deviation of errors added to actions in the search, as a fraction of their range
     scenarios: int = 300  # number of scenarios that each candidate plays in the search
 
 
@@ -60,14 +60,14 @@ class Setup:
 
     name: str
     title: str
-    about: str  # description of the set-up, one sentence
+    about: str  # description of the set-up, one line
     environment: Mapping[str, Any]  # arguments of `gym.make("ImpactApproach-v0", ...)`
     training: Training = field(default_factory=Training)
     tuned: Mapping[str, Tuned] = field(default_factory=dict)  # baselines that the set-up tunes, by name
     against: tuple[str, ...] = ()  # names of compared baselines, besides the paper's rule; the first is the main rival
-    # name of a set-up whose bound is valid here; the bound is the lowest cost of a controller that knows the object
+    # name of a set-up whose bound holds here; a bound is the lowest cost found for a controller that knows the object
     bound: str = ""
-    budget: int = BUDGET  # number of candidates that tuning tries for each time weight
+    budget: int = BUDGET  # largest number of candidates in tuning for each time weight, rounded up to whole generations
     evaluation: Evaluation = field(default_factory=Evaluation)
     fails: str = UNSAID  # where the set-up's policy fails, in words
     path: Path = Path()
@@ -240,7 +240,7 @@ def _refuse_unknown(setup: Setup, given: Mapping[str, Any]) -> None:
 def _tuned(name: str, given: Any, task: Task) -> Tuned:
     entry = {"rule": given} if isinstance(given, str) else given
     if not isinstance(entry, dict) or entry.get("rule") not in RULES:
-        raise ValueError(f"{name} must be a rule ({', '.join(RULES)}) or a table with the key rule, got {given!r}")
+        raise ValueError(f"{name} must be a rule ({', '.join(RULES)}) or a table whose key rule is one, got {given!r}")
     known(f"{name}.", entry, Tuned._fields)
     rtol = QUANTITIES["rtol"].check(entry.get("rtol", Task.rtol), f"{name}.rtol")
     flag(f"{name}.clean_alarm", clean_alarm := entry.get("clean_alarm", False))

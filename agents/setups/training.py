@@ -54,7 +54,7 @@ class Training:
     log_std: float = -0.8
     """Logarithm of the initial standard deviation of the actions."""
     informed_critic: bool = True
-    """Let the critic also observe the true scenario and all other numbers that the episode drew at random."""
+    """Let the critic also observe the true scenario and all other numbers that the episode drew from a range."""
     teacher: str = ""
     """Name of a shipped baseline, or of a tuned baseline of the set-up. The policy first imitates the baseline, then
     learns from rewards. Empty: no imitation."""
@@ -78,15 +78,15 @@ class Training:
     threads: int = 1
     """Number of threads of PyTorch."""
     simulation_threads: int | None = None
-    """Number of threads that simulate the environments. The default is one thread for each core. The result of the
-    training does not depend on this number."""
+    """Largest number of threads that simulate the environments; with --seeds always 1. Default: one for each core. The
+    result of the training does not depend on this number."""
     validate_every: int = 1_000_000
-    """Number of environment steps between two validations. The result of the training is the policy that had the
-    lowest cost in a validation."""
+    """Approximate number of environment steps between two validations. The result of the training is the policy that
+    had the lowest cost in a validation."""
     validation_scenarios: int = 1000
     """Number of scenarios of each validation. If this number is larger than 1,000, a validation has 1,000 scenarios."""
     checkpoint_every: int = 2_000_000
-    """Number of environment steps between two checkpoints."""
+    """Approximate number of environment steps between two checkpoints."""
 
     def __post_init__(self) -> None:
         for name, (least, most) in WHOLE.items():

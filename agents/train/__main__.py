@@ -32,7 +32,7 @@ class TrainOptions:
     it trains only the missing policies."""
     out: Path | None = None
     """Folder for the files of the training. Without --seeds, the folder must not exist yet; the default is in runs/.
-    With --seeds, each training has a subfolder, and the default is runs/all/SETUP."""
+    With --seeds, each training has a subfolder, and the default is runs/all/NAME."""
     policies: Path | None = None
     """With --seeds: folder for the file that contains all policies. The default is the folder of the shipped policies
     for a shipped set-up, and runs/NAME/policies for another set-up."""
@@ -51,7 +51,7 @@ class TrainOptions:
         if self.seeds is not None:
             whole("seeds", self.seeds, at_least=1)
             if self.seed:
-                raise ValueError(f"seed must be 0 with seeds (trainings have seeds 0, 1 and so on), got {self.seed}")
+                raise ValueError(f"seed must be 0 if seeds is given (trainings get seeds 0, 1, ...), got {self.seed}")
 
 
 def read_options(arguments: Sequence[str]) -> TrainOptions:

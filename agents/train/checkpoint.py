@@ -81,7 +81,7 @@ def _pack(arrays: dict[str, NDArray[Any]], value: Any) -> dict[str, str]:
 
 
 def _unpack(arrays: Mapping[str, NDArray[Any]], table: dict[str, Any]) -> Any:
-    """Return the tensor or array that a table of `_pack` stands for; in other tables, make keys of digits numbers."""
+    """Return the tensor or array that a table of `_pack` stands for. In other tables, convert keys of digits to int."""
     match table:
         case {"tensor": name}:
             return torch.from_numpy(arrays[name])

@@ -39,7 +39,7 @@ that vary little would influence the networks only late in the training."""
 
 
 def standardisation(tasks: Sequence[Task]) -> NDArray[np.float64]:
-    """Return centre and spread of each observed number, (2, n_obs); all `tasks` have the same observation.
+    """Return centre and spread of each observed number, (2, n_obs); all `tasks` observe the same quantities.
 
     Numbers in CENTRE_AND_SPREAD have the values there. If another number is drawn from a range, its centre is the mean
     of the range, and its spread is the standard deviation. All others have the centre 0 and the spread 1.
@@ -65,7 +65,7 @@ class Standardised(BaseFeaturesExtractor):
     spread: torch.Tensor  # (n_obs,)
 
     def __init__(self, observation_space: spaces.Space[Any], tasks: Sequence[Task]) -> None:
-        """Make a layer; all `tasks` have the same observation."""
+        """Make a layer; all `tasks` observe the same quantities."""
         centre, spread = torch.tensor(standardisation(tasks), dtype=torch.float32)
         super().__init__(observation_space, len(centre))
         self.register_buffer("centre", centre)

@@ -71,7 +71,7 @@ class Run:
 
     @property
     def slots(self) -> list[dict[str, Any]]:
-        """Changed arguments of each environment. The first have none, the next `mixed`, and the last `nominal`."""
+        """Changed arguments of each environment: first none, then those of `Setup.mixed`, then `Evaluation.nominal`."""
         shares = (*self.setup.mixed, (self.training.nominal, self.setup.evaluation.nominal))
         others = [dict(changes) for share, changes in shares for _ in range(round(share * self.training.envs))]
         return [{} for _ in range(self.training.envs - len(others))] + others
@@ -83,7 +83,7 @@ class Run:
         return command_of("train", self.training, self.setup.training, self.setup.called, *seed)
 
     def made_for(self) -> dict[str, Any]:
-        """Return all inputs that determine the result, such as the settings and the environment, as JSON values."""
+        """Return the settings, the environment and other inputs that determine the result, as JSON values."""
         evaluation, training = self.setup.evaluation, self.training
         settings = {"setup": self.setup.called, "seed": self.seed, **asdict(training)}
         made = {"settings": settings, "environment": self.task.arguments(), "weights": evaluation.weights}

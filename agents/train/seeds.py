@@ -27,7 +27,7 @@ def train_seeds(
     cluster: str | None = None,
 ) -> Path:  # fmt: skip
     """Train with the seeds 0 to `seeds` - 1, but reuse finished runs in `out`; return the file of all policies."""
-    training = replace(training, simulation_threads=1)  # does not change the result
+    training = replace(training, simulation_threads=1)  # the number of threads does not change the result
     folders = [out.resolve() / f"seed-{seed}" for seed in range(seeds)]
     arguments = list[dict[str, Any]]()
     for seed, folder in enumerate(folders):

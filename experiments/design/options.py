@@ -18,7 +18,7 @@ from impact_gym.files import parsed, write_file
 from impact_gym.task import Task
 from impact_gym.validation import distinct, identifier, number, whole
 
-PAPER, FRONT, CHOSEN = "paper's rule", "designs", "chosen"  # lines of `findings.chart`, besides `DesignOptions.others`
+PAPER, FRONT, CHOSEN = "paper's rule", "designs", "chosen"  # names of chart lines; more: `DesignOptions.others`
 SPRING = "paper's spring"
 LIMITED = (FRONT, CHOSEN)
 
@@ -41,16 +41,16 @@ class DesignOptions:
     pad: str = ""
     """Pad on the tool: memory-foam, neoprene or norbornene. Empty: no pad. The tool's mass includes the pad."""
     times: tuple[float, ...] = (0.9, 1.0, 1.15, 1.35)
-    """Largest mean approach times (times until the touch). 1 stands for the mean approach time of the paper's rule with
-    the paper's spring. The command searches for a coupling for each of these times."""
+    """Limits of the mean approach time (time until the touch), relative to that of the paper's rule with the paper's
+    spring. The command searches for a coupling for each of these limits."""
     limits: Annotated[Limits, tyro.conf.arg(name="")] = field(default_factory=Limits)
     search: Annotated[SearchBudget, tyro.conf.arg(name="")] = field(default_factory=SearchBudget)
     against: tuple[str, ...] = ("bistable-blind", "bistable-paper")
     """Set-ups whose couplings are compared with the design. The command searches for a controller for each of
     these couplings."""
     seeds: int = 2
-    """Number of searches for each approach time, each with another seed. The command takes the design that is best on
-    the validation set."""
+    """Number of searches for a design at each approach time, each with another seed. The command takes the design that
+    is best on the validation set."""
     processes: int = 2
     """Number of searches at the same time, each on one core. 0: the searches run in this process."""
 
@@ -60,7 +60,7 @@ class DesignOptions:
         whole("processes", self.processes, at_least=0)
         identifier("setup", f"{self.arm.name}-designed")  # name of the new set-up
         if not self.times:
-            raise ValueError("times must have at least one approach time, as a multiple of that of the paper's rule")
+            raise ValueError("times must have at least one approach time, relative to the paper's rule (no unit)")
         for time in self.times:
             number("times", time, "-", above=0)
         distinct("times", self.times)
@@ -78,7 +78,7 @@ class DesignOptions:
 
     @cached_property
     def variables(self) -> list[SearchVariable]:
-        """The numbers that are searched."""
+        """The numbers that the search may change."""
         return search_variables(self.free, self.arm)
 
     @cached_property
@@ -100,7 +100,7 @@ class DesignOptions:
 
     @property
     def rule(self) -> str:
-        """Name of the controllers' rule: `Ranged` if there is a range sensor, else `BlindProfile`."""
+        """Name of the control law (rule): `Ranged` if there is a range sensor, else `BlindProfile`."""
         return "BlindProfile" if Task(**self.arm.environment).range_noise is None else "Ranged"
 
     @property
@@ -113,7 +113,7 @@ class DesignOptions:
         return self.limits if line in LIMITED else Limits(deflection=None)
 
 
-OF_TEACHER = ("teacher", "imitation_steps")  # settings about a baseline that the new set-up does not have
+OF_TEACHER = ("teacher", "imitation_steps")  # about imitating a baseline that the new set-up lacks
 DRAWN = (
     "this file draws stiffness and restitution of the contact through the pad independently of each other; in the "
     "search both were computed from the object's stiffness and restitution without the pad"

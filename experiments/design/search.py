@@ -22,7 +22,7 @@ from impact_gym.validation import number, whole
 
 RTOL = 1e-5  # relative tolerance of the simulation in a search
 PENALTY = 2.0  # m/s, cost of exceeding a limit or the allowed mean approach time by 100 %
-MARGIN = 1.2  # a search draws errors up to MARGIN * tolerance, because its few scenarios contain no rare extremes
+MARGIN = 1.2  # a search draws design errors up to MARGIN * tolerance, because few scenarios contain no rare extremes
 CONTACT = ("contact_stiffness", "restitution")
 WITHIN = 0.95  # fraction of the episodes in which the peak force must be at most the limit
 UNITS = {"deflection": "m", "stroke": "m", "peak_force": "N", "touched_once": "-"}
@@ -49,9 +49,9 @@ class Limits:
     def excess(self, played: Episodes, travel: Travel, count: int = 1, pad: Pad | None = None) -> Floats:
         """Return for each candidate (count,) the sum of (value / limit - 1) over all exceeded limits.
 
-        `played` and `travel` list the candidates one after another, with the same number of episodes for each.
-        `touched_once` limits the share of scenarios with several contacts. The penetration of a `pad` is limited to
-        half the pad's radius (validity of Hertz's law).
+        `played` and `travel` hold the same number of episodes for each candidate, one candidate after another.
+        `touched_once` limits the share of scenarios with several contacts. In 95 % of the scenarios, the penetration
+        of a `pad` must be at most half the pad's radius (validity of Hertz's law).
         """
         peak = np.quantile(played.peak_force.reshape(count, -1), WITHIN, axis=1)
         repeated = None if self.touched_once is None else max(1.0 - self.touched_once, 1e-3)
@@ -67,7 +67,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class Candidate:
-    """One coupling with one controller; the fields can be written as JSON."""
+    """A design (coupling, tool mass, pad) with a controller; the fields can be written as JSON."""
 
     environment: Mapping[str, Any]  # arguments of the environment
     rule: str  # name of the controller's rule
@@ -102,12 +102,12 @@ class SearchBudget:
     """Size of a search."""
 
     tolerance: float = 0.05
-    """Largest relative error with which each number of --free is built. Each scenario draws its own errors. In the
+    """Largest relative manufacturing error of each number of --free. Each scenario draws its own errors. In the
     search, these errors are up to 1.2 times as large."""
     scenarios: int = 500
     """Number of scenarios in which each candidate (a design with a controller) is simulated."""
     budget: int = 7200
-    """Number of candidates in each search, rounded up to a multiple of --population."""
+    """Largest number of candidates in each search, rounded up to a multiple of --population."""
     population: int = 18
     """Number of candidates in each generation of the search (CMA-ES)."""
 
@@ -157,7 +157,7 @@ def search(
 
     `candidate`, `limits`, `budget` and each of `variables` have the fields of `Candidate`, `Limits`, `SearchBudget` and
     `SearchVariable`. The candidate's environment has a range for each variable. The search starts at the candidate's
-    `parameters` and each variable's `start`. `approach_time` (s) limits the mean approach time.
+    `parameters` and the start of each `SearchVariable.parameter`. `approach_time` (s) limits the mean approach time.
     """
     begin, free, much = Candidate(**candidate), [SearchVariable(*each) for each in variables], SearchBudget(**budget)
     of_rule = zip(RULES[begin.rule].PARAMETERS, begin.parameters, strict=True)

@@ -1,6 +1,6 @@
 """The study of `impact-gym design`: searches, choice on the validation set, results on the test set.
 
-For each approach time, the front has the design (of any seed) with the lowest cost on the validation set. The chosen
+For each approach time, `front` takes the design (of any seed) with the lowest cost on the validation set. The chosen
 design is the front's design at the approach time nearest to that of the paper's rule. For each other approach time, the
 study searches for a new controller for the chosen design. No choice uses the test set.
 """
@@ -32,8 +32,8 @@ DEPENDS = (
 # baseline at which a search starts, by rule and by whether the coupling is bistable
 STARTS = {("BlindProfile", False): "blind-profile", ("BlindProfile", True): "bistable-blind-profile"}
 Row = Mapping[str, Any]
-"""A row with the columns ENTRY. `line`: line of the chart. `allowed`: largest mean approach time, divided by that of
-the paper's rule. `seed` and `loss` (m/s) belong to the search; `rule`, `design`, `parameters` define the candidate."""
+"""A candidate as a row, with the columns ENTRY. `line`: line of the chart. `allowed`: largest mean approach time,
+divided by that of the paper's rule. `seed`, `loss` (m/s): of the search. `rule` to `parameters`: of the candidate."""
 BLANK = {"rule": None, "design": "{}", "parameters": "[]"}
 PAPERS_RULE: Row = {
     "line": PAPER, "allowed": 1.0, "seed": 1, "loss": np.nan, "rule": "ConstantSpeed", "design": "{}",
@@ -43,7 +43,7 @@ PAPERS_RULE: Row = {
 
 @dataclass(frozen=True)
 class Search:
-    """Computes the cells of each table of the study from the options and from earlier tables."""
+    """Yields the cells (jobs) of each table of the study, from the options and from earlier tables."""
 
     options: DesignOptions
 

@@ -16,7 +16,7 @@ from impact_gym.scene import SpringDamper
 from impact_gym.task import Task
 from impact_gym.validation import number
 
-WIDE = 10.0  # smallest HIGH / LOW for a logarithmic scale; numbers with log-uniform draws always have this scale
+WIDE = 10.0  # smallest HIGH / LOW for a logarithmic scale; a log-uniform quantity needs only LOW > 0 for this scale
 
 
 class SearchVariable(NamedTuple):
@@ -25,7 +25,7 @@ class SearchVariable(NamedTuple):
     name: str  # name of the number, such as coupling.stiffness
     low: float
     high: float
-    start: float = np.nan  # value at which the search starts; nan: the middle of the range
+    start: float = np.nan  # value at which the search starts; nan or a value outside the range: see `parameter`
 
     @property
     def logarithmic(self) -> bool:
@@ -33,7 +33,7 @@ class SearchVariable(NamedTuple):
         return QUANTITIES[self.name].by_ratio(self.low) or 0.0 < WIDE * self.low <= self.high
 
     def parameter(self) -> Parameter:
-        """Return the parameter for CMA-ES, with the middle of the range as start if `start` is outside the range."""
+        """Return the parameter for CMA-ES, on the scale of the search; it starts at mid-range if `start` is outside."""
         low, high = float(self.searched(self.low)), float(self.searched(self.high))
         begin = float(self.searched(self.start)) if self.low <= self.start <= self.high else 0.5 * (low + high)
         return Parameter(self.name, QUANTITIES[self.name].unit, low, high, begin)
@@ -86,7 +86,7 @@ def as_built(design: Mapping[str, float], tolerance: float) -> dict[str, list[fl
 def searched_environment(setup: Setup, variables: Sequence[SearchVariable], deflection: float | None) -> dict[str, Any]:
     """Return the set-up's environment with the range of each variable, as if each episode drew these numbers.
 
-    ValueError: the environment is invalid, no design holds the tool, or all deflect by more than `deflection` (m).
+    ValueError: the environment is invalid, no front stop holds the tool, or no spring limits the lag to `deflection`.
     """
     with within("--free"):
         task = Task(**setup.environment).changed({each.name: [each.low, each.high] for each in variables})
@@ -95,7 +95,7 @@ def searched_environment(setup: Setup, variables: Sequence[SearchVariable], defl
         # at a constant acceleration, the tool lags behind the flange by tool mass * acceleration / stiffness
         lag = task.acceleration_range[0] * min((c.tool_mass / c.coupling.stiffness for c in springs), default=0.0)
         if deflection is not None and lag > deflection:
-            raise ValueError(f"no design in these ranges holds the tool within {1e3 * deflection:g} mm: even at the "
-                             f"lowest acceleration, {task.acceleration_range[0]:g} m/s^2, the tool lags behind the "
-                             f"flange by {1e3 * lag:.3g} mm on the stiffest spring and the lightest tool")  # fmt: skip
+            raise ValueError(f"no design in these ranges limits the tool's deflection to {1e3 * deflection:g} mm: even "
+                             f"at the lowest acceleration, {task.acceleration_range[0]:g} m/s^2, the lightest tool on "
+                             f"the stiffest spring lags behind the flange by {1e3 * lag:.3g} mm")  # fmt: skip
     return task.arguments()

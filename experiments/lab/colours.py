@@ -8,7 +8,7 @@ SERIES = "rule", "policy", "profile", "person", "object", "tool", "flange", "for
 
 
 def css() -> str:
-    """Return CSS that sets properties `--NAME` to the light or dark colours, and colours SERIES in SVG with them."""
+    """Return CSS that sets properties `--NAME` to light or dark colours, and uses them for the SERIES in SVG."""
     block = ":root:not([data-theme=light])"
     dark = f"@media screen and (prefers-color-scheme: dark) {{ {_block(block, 1)} }}"
     button = f"@media screen {{ {_block(':root[data-theme=dark]', 1)} }}"

@@ -39,7 +39,7 @@ def play(
     columns: dict[str, Any] = {"weight": np.array(weights)[:, None], "episode": np.arange(shape[1])}
     columns |= {name: results[name] for name in FIELDS} | measured
     columns["cost"] = measured["object_velocity"] + columns["weight"] * measured["approach_time"]
-    columns["cost"] += missed_cost(environment) * measured["missed"]  # last, as in `Episodes.loss`: equal rounding
+    columns["cost"] += missed_cost(environment) * measured["missed"]  # added last, to round as `Episodes.loss` does
     return pl.DataFrame({name: np.broadcast_to(values, shape).ravel() for name, values in columns.items()})
 
 

@@ -54,7 +54,7 @@ class Resamples:
 
 @lru_cache(maxsize=32)
 def _shares(seed: tuple[int, int], units: int, resamples: int) -> Floats:
-    # a resample has units - 1 draws: with more, the variance of a mean would be too small, by 1 - 1 / units
+    # a resample has units - 1 draws; with units draws, a mean's variance would be too small by the factor 1 - 1 / units
     # (J. N. K. Rao, C. F. J. Wu, J. Am. Stat. Assoc. 83 (1988) 231-241)
     drawn = max(units - 1, 1)
     even = np.full(units, 1.0 / units)
@@ -92,7 +92,7 @@ def along(curve_x: Floats, curve_y: Floats, at: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Comparison:
-    """One measure of two contestants, each an array (1 + n,): first in the sample, then in the same n resamples."""
+    """A measure of two contestants, each an array (1 + n,): entry 0 for the sample, n for resamples common to both."""
 
     ours: Floats
     theirs: Floats

@@ -44,7 +44,7 @@ class Loop:
 def compiled(subject: Subject, name: str, out: Path) -> Path:
     """Write the controller's header and loop.c to `out`, compile both, and return the path of the program.
 
-    ValueError: the controller needs a sensor, an alarm or an operator that the arm lacks, or there is no C compiler.
+    ValueError: the controller needs an operator or an input that the arm lacks, or there is no C compiler.
     """
     task, name = subject.task, identifier(name)
     if task.operator or task.range_sensor or task.past_readings or task.alarm != "force":
@@ -92,7 +92,7 @@ def run(options: Loop) -> None:
     arm.join()
     played = json.loads(written.read_text()) if written.is_file() else []
     if controller.returncode or not played or played[-1]["stop"]:
-        raise RuntimeError(controller.stderr.strip() or "the watchdog stopped the arm, or the arm played no approach")
+        raise RuntimeError(controller.stderr.strip() or "the watchdog stopped the arm, or the controller or arm failed")
     found = json.loads(controller.stdout) | measured(subject, options.time_weight, played)
     write_file(options.out / "loop.json", json.dumps(found, indent=2) + "\n")
     print(

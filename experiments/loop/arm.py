@@ -43,7 +43,7 @@ class Line:
         self.socket.sendto(MAGIC + struct.pack(f"{len(numbers)}d", *numbers), self.peer)
 
     def newest(self) -> tuple[float, float, float] | None:
-        """Return the newest valid command not yet read, or None: stamp (s), velocity (m/s), acceleration (m/s^2)."""
+        """Return stamp (s), velocity (m/s) and acceleration (m/s^2) of the newest valid unread command, if any."""
         found = None
         while True:
             try:
@@ -78,10 +78,10 @@ class Line:
 
 
 def approach(line: Line, batch: Batch, number: int, seed: int, weight: float) -> dict[str, Any]:
-    """Play an approach in real time; return V_p (m/s), ages of the last command at each step (s), and `stop`.
+    """Play an approach in real time; return V_p (m/s), the ages (s) of the last command at each step, and `stop`.
 
-    If the watchdog stopped the arm, `stop` has time (s), velocity (m/s), refused packets and, if the flange came to
-    rest, that time (s). Else `stop` is empty. After a stop, the flange brakes fully, and commands have no effect.
+    `stop` is empty unless the watchdog stopped the arm. Then it has time (s) and velocity (m/s) of the stop,
+    refused packets, and the time of rest (s), if any. After a stop, the flange brakes fully and ignores commands.
     """
     batch.begin_seeded(seed + number, {"time_weight": weight})
     begun = good_at = stamp = line.begun = time.monotonic()

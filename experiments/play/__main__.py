@@ -28,7 +28,7 @@ class Play:
     port: Annotated[int, arg(metavar="PORT")] = 8765
     """Port of the server. 0: any free port."""
     open: Annotated[FlagCreatePairsOff[bool], arg(help_behavior_hint="")] = True
-    """Do not open the page in a browser."""
+    """With --no-open, the command does not open the page in a browser."""
     out: Annotated[Path | None, arg(metavar="FOLDER", help_behavior_hint="(default: runs/play/SETUP)")] = None
     """Folder for the files of the tries."""
 

@@ -36,12 +36,12 @@ def playable(name: str) -> Setup:
             f"[environment], or take {', '.join(each.name for each in others if 'operator' in each.environment)}"
         )
     if (period := setup.environment.get("control_period", PERIOD)) != PERIOD:
-        raise ValueError(f"{setup.called}: control_period must be {PERIOD} s to be played, got {period} s")
+        raise ValueError(f"{setup.called}: control_period must be {PERIOD} s for impact-gym play, got {period} s")
     return setup
 
 
 def related(setup: Setup) -> dict[str, str]:
-    """Return names of set-ups by their last part: `setup` and, if shipped, its variants with other couplings."""
+    """Return the names of `setup` and, if shipped, of its variants with other couplings, by the name's last part."""
     family, _, kind = setup.called.rpartition("-")
     if setup.shipped and kind in COUPLINGS:
         return {each: f"{family}-{each}" for each in COUPLINGS}
@@ -95,7 +95,7 @@ def assistance(name: str, setup: Setup) -> Controller:
     if name == "limit":
         limits = [known for known, tuned in setup.tuned.items() if tuned.rule == "BlindProfile"]
         if not limits:
-            raise ValueError(f"{setup.called} has no speed limit: add a BlindProfile to its [baselines.tuned]")
+            raise ValueError(f"assist limit needs a tuned BlindProfile: add one to [baselines.tuned] of {setup.called}")
         rule: Any = load_baseline(limits[0], setup.evaluation.typical, setup.folder / "tuned")
     else:
         rule = {"none": OperatorAlone, "brake": LocalBrake, "rule": PaperTrapezoid}[name]()

@@ -121,7 +121,7 @@ class Clock:
             self._send_frame(live, seen, rng)
 
     def _send_frame(self, live: Live, seen: bool, rng: random.Random) -> None:
-        """Send a frame: positions (m) now and one step later, and in real time (s) the delay `wait` and step `dt`."""
+        """Send a frame: positions (m) now and one step later, delay `wait` and time step `dt` in real time (s)."""
         now, record, slow = live.batch.bodies(), live.kept.record, live.kept.slow
         then = now if live.ended else live.ahead()
         late = record["downlink.delay"] + record["downlink.jitter"] * min(rng.expovariate(1.0), CUT)

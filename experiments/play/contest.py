@@ -14,7 +14,7 @@ from experiments.play.tries import Live, Try, replayed
 from impact_gym.render.film import History
 
 SECONDS = 7.0  # s, duration of a film
-COARSE = 5.0  # factor that multiplies the allowed errors of the film, so that the film is computed fast
+COARSE = 5.0  # factor of the film's allowed errors and time steps, so that the film is computed fast
 BEFORE = 0.4  # s, simulated time from the start of the slow motion to the first touch
 SENTENCES = {
     "brake": "The brake at the arm senses the touch at once; it does not wait for you.",
@@ -57,7 +57,7 @@ def _changed(this: Try, setup: str = "", assist: str = "", **changes: Any) -> Tr
 
 
 def _without_delay(this: Try) -> Try:
-    """Return a try without delays, and without commands sent before the touch was seen that arrived after the touch."""
+    """Return a try without delays or the commands that arrived after the touch but were sent before it was seen."""
     record, touch, velocity = this.record, this.result["touch_time"], this.operator["velocity"]
     silent = {f"{way}.{name}": 0.0 for way in ("uplink", "downlink") for name in ("delay", "jitter")}
     sent = math.floor((touch - record["uplink.delay"]) / PERIOD)

@@ -31,7 +31,7 @@ class Session:
         self.clients: list[Any] = []  # connected pages; the first page steers
         self.setups = {name: about(playable(name)) for name in related(setup).values()}
         self.busy, self._speeds = False, (-1.0, 1.0)  # whether a try is in progress; velocity range of the arm, m/s
-        self._seen_at, self._newest = 0.0, -1  # s, time when pages show the latest frame; number of the newest frame
+        self._seen_at, self._newest = 0.0, -1  # s, latest time for sending a frame; number of the newest sent frame
         self.history: deque[dict[str, Any]] = deque(maxlen=MAX_ON_CHART)
         self.left_out = list[str]()  # reasons for which .json files are left out
         for path in sorted(folder.glob("*.json")):
@@ -119,7 +119,7 @@ class Session:
                 if message["kind"] == "frame":
                     self._seen_at = max(self._seen_at, at)
                 elif message["kind"] in ("ended", "failed"):
-                    at = max(at, self._seen_at + 1e-6)  # calls at the same time run in any order
+                    at = max(at, self._seen_at + 1e-6)  # two calls at the same time may run in any order
                 loop.call_at(at, self._forward, message)
         except (EOFError, OSError):
             loop.remove_reader(self.pipe.fileno())

@@ -100,7 +100,7 @@ class Live:
     """A try in progress. Call `step` until `ended` is true, then `finished`."""
 
     def __init__(self, wanted: Try) -> None:
-        """Begin a try; ValueError: no such set-up or assistance."""
+        """Begin a try; ValueError: set-up or assistance is unknown or unfit, see `playable` and `assistance`."""
         setup, self.person = playable(wanted.setup), wanted.operator == PERSON
         environment = environment_of(setup)
         self.batch = Batch(1, Task(**environment, operator=wanted.operator), threads=1)
@@ -155,7 +155,7 @@ class Live:
         return bodies
 
     def to_end(self) -> Try:
-        """Play to the end with a person's command of 0 m/s; return the try, whose `result` is still empty."""
+        """Play to the end (a person commands 0 m/s); return the try, whose `result` is still empty."""
         while not self.ended:
             self.step()
         return self.kept

@@ -29,7 +29,7 @@ def from_text(text: str) -> Try:
         one_of(name, getattr(this, name), type(sample))
     texts = "".join([this.setup, *this.marks])
     if len(texts) > MAX_TEXT or not texts.isprintable() or "<" in texts:
-        raise ValueError(f"setup and marks must be at most {MAX_TEXT} printable characters without <")
+        raise ValueError(f"setup and marks must have at most {MAX_TEXT} printable characters in total, without <")
     choice("assist", this.assist, list(NAMES))
     choice("type of its operator", this.operator["type"], [kind.__name__ for kind in KINDS])
     number("slow", this.slow, "(times)", at_least=1.0, at_most=SLOWEST)
@@ -64,11 +64,11 @@ def folder_of(folder: Path) -> Iterator[tuple[Path, Try]]:
 
 
 def of_persons(folder: Path, marked: bool = False) -> list[Try]:
-    """Return persons' tries in a folder, with `marked` also marked ones. ValueError: none, or several environments."""
+    """Read persons' tries in a folder; `marked`: also marked ones. ValueError: none, bad file, several environments."""
     every = [this for _, this in folder_of(folder) if this.operator["type"] == "Replay"]
     found = [this for this in every if marked or not this.marks]
     if not found:
-        allowed = "" if marked else f" that is not marked (--include-marked uses {len(every)} marked tries)"
+        allowed = "" if marked else f" to use: {len(every)} marked tries need --include-marked"
         raise ValueError(f"{folder} has no try of a person{allowed}")
     if any(this.environment != found[0].environment for this in found):
         raise ValueError(f"{folder} has tries of several set-ups or couplings: move each kind to its own folder")

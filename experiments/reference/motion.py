@@ -113,7 +113,7 @@ class Motion:
             self.contact_seconds += 0.0 if began is None else thread_time() - began
             stalled = stalled + 1 if self.t == before else 0
             if stalled > MOST_STALLED:
-                raise RuntimeError(f"reference: a switch changes again and again at {self.t:.9g} s")
+                raise RuntimeError(f"reference: events repeat without end at t = {self.t:.9g} s")
 
     def note_contact(self, end: float | None) -> None:
         """Record the current contact, which ends at `end` (s), or is unfinished (None)."""

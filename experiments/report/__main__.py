@@ -106,7 +106,7 @@ def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict
         with within(str(path)):
             Task.of("environment", environment)
         if reserved := sorted(set(environment) & {"scenario", *RESERVED}):
-            raise ValueError(f"{path}: leave out {reserved} in environment: the key ranges and the report give these")
+            raise ValueError(f"{path}: environment must not have {reserved}: the key ranges and the report set these")
         return {"ranges": ranges, "seed": seed, "count": count}, environment
     frozen = evaluation_sets.load(source)
     count = whole("scenarios", count or frozen.count, at_least=2)
@@ -124,7 +124,7 @@ def matchups_of(options: ReportOptions) -> list[Matchup]:
         return of_policies(options.policy, options.baseline, scenarios, changes, options.time_weight)
     setups = list(map(load_setup, options.setups or README))
     if len({setup.name for setup in setups}) < len(setups):
-        raise ValueError(f"two set-ups have the same name, rename or leave out one: {', '.join(options.setups)}")
+        raise ValueError(f"two set-ups have the same name: rename or leave out one of {', '.join(options.setups)}")
     matchups = []
     for setup in setups:
         count = options.count or (setup.evaluation.scenarios if options.scenarios is None else None)

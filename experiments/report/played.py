@@ -32,7 +32,7 @@ class Run:
     def at(self, weight: float) -> Episodes:
         """Return the results at a weight (m/s per s), or at the only weight of the run."""
         if len(self.weights) > 1 and weight not in self.weights:
-            raise ValueError(f"the contestant was not played at a weight of {weight:g}, only at {self.weights}")
+            raise ValueError(f"there are no results at a time weight of {weight:g} m/s per s, only at {self.weights}")
         place = self.weights.index(weight) if weight in self.weights else 0
         results = {name: self[name][place] for name in MEASURED if name in self.arrays}
         return Episodes(**results, scenario={name: self[name] for name in FIELDS}, missed_cost=self.missed_cost)

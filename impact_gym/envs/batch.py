@@ -171,7 +171,7 @@ class Batch:
         values = given.astype(np.float64, "C").reshape(self.size, -1)
         if not np.isfinite(values).all():
             wrong = values[~np.isfinite(values).all(axis=1)][0]
-            raise ValueError(f"action must be finite (no unit), got {wrong}: nothing was moved")
+            raise ValueError(f"action must be finite (no unit), got {wrong}: no step was made")
         over_rows(partial(self._rows.step, values, skip), self.size, self.threads, ROWS_PER_THREAD)
 
     def set_operator_velocity(self, velocities: ArrayLike) -> None:

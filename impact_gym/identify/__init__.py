@@ -63,7 +63,7 @@ def identify(
         logs_of.check(each, replaced(scene, lightest), imposed, sensors)
     model = Model(logs, scene, motions, sensors, coordinates)
     if model.size >= model.samples:
-        unknown = f"{model.size} unknowns with starts and biases"
+        unknown = f"{model.size} unknowns (start times and biases included)"
         raise ValueError(f"free: there must be more samples than unknowns, got {unknown}, but {model.samples} samples")
     return Identified.of(*fit_with_intervals(model))
 

@@ -12,8 +12,8 @@ smooth with the unknown z = sqrt(u), and with the variable s instead of time, wh
     dz/ds = w / 2      dw/ds = z (push - f)      f = z^3 (1 + d w)
 
 Here `push` is the tool's acceleration relative to the object, without contact force. If 2 m and 2 n are whole numbers,
-the right sides are polynomials. So an integrator keeps its full order over the whole contact, and onset and separation
-are simple zeros of z.
+the right sides are polynomials in z, w and `push`. So an integrator keeps its full order over the whole contact, and
+onset and separation are simple zeros of z.
 """
 
 cdef enum:
@@ -30,7 +30,7 @@ cdef struct Contact:  # the law of a contact, with the symbols above
     int64_t twice_m, twice_n  # 2 m and 2 n if they are whole numbers, else -1
     double nominal  # -, damping factor at the velocity `reference`, or at every velocity if `reference` is 0
     double reference  # m/s, reference velocity if the hysteresis damping chi is constant; 0: d is constant
-    double held  # 1; while the force is kept at 0, because f would be negative, `held` and `damping` are 0
+    double held  # 0 while the force is kept at 0 because f would be negative (`damping` is then 0, too); else 1
 
 
 cdef struct Units:  # natural units of a contact; for motion without contact see `flight_units`
@@ -94,7 +94,7 @@ cdef inline double impulse_rate(const Contact *law, double z, double w) noexcept
     cdef double fourth
     if is_hertz(law):
         fourth = (z * z) * (z * z)
-        return fourth * law.held + (fourth * law.damping) * w  # callers compute w last: few operations wait for w
+        return fourth * law.held + (fourth * law.damping) * w  # w is computed last, so few operations wait for it
     return z * contact_force(law, z, w)
 
 

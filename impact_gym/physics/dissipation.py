@@ -56,8 +56,8 @@ def damping_factor(
     """Return the damping factor d that `law` gives for a nominal `restitution`.
 
     Published laws do not depend on the exponents. With the d of "exact", an isolated contact has the nominal
-    restitution, whatever the exponents. For "fixed" (see `Contact`), the result is d at the reference velocity, where
-    it is that of "exact".
+    restitution, whatever the exponents. For "fixed" (see `Contact`), the result is d at the reference velocity, which
+    equals the d of "exact".
     """
     m, n = stiffness_exponent, damping_exponent
     if law not in ("exact", "fixed"):

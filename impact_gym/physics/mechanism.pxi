@@ -60,7 +60,7 @@ cdef inline double stop_place(const Mechanism *law, int stop) noexcept nogil:
 cdef inline (double, double, double) stop_switch(
     const Mechanism *law, int stop, int pressed, double stretch, double rate, double acceleration
 ) noexcept nogil:
-    """Return value (N), height (N) and slope (N/s) of an event (see `Events`): `stop` begins to push, or would pull."""
+    """Return value (N), height (N) and slope (N/s), see `Events`, of the event that `stop` begins or ceases to push."""
     cdef double k = law.stop_stiffness, c = law.stop_damping
     cdef double push = stop * k * (law.rest + stretch - stop_place(law, stop)), moving = stop * rate
     if pressed == stop:  # the event: this stop would pull; its damper can do so while its spring is still compressed
@@ -90,7 +90,7 @@ cdef inline double mechanism_energy(const Mechanism *law, double stretch) noexce
 
 
 cdef inline (double, double) mechanism_floor(const Mechanism *law, int side) noexcept nogil:
-    """Return a lower bound (J) of the coupling's energy on `side`, and its energy at the alignment (inf if linear)."""
+    """Return a lower bound (J) of the energy on `side` of the alignment, and the energy there (inf if linear)."""
     cdef double barrier = spring_energy(law, 0.0), F = law.stiffness * (law.free_length - law.height)
     if law.linear:
         return 0.0, INFINITY

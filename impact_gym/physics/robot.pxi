@@ -16,7 +16,7 @@ cdef struct RobotNow:
     double mass_slope  # kg/m, derivative of the mass with respect to the imposed position
 
 
-cdef struct RobotSlopes:  # further derivatives with respect to the imposed position
+cdef struct RobotSlopes:  # more derivatives of the parameters with respect to the imposed position
     double stiffness, damping  # N/m^2, N s/m^2
     double mass_bend  # kg/m^2, second derivative of the mass
 
@@ -39,7 +39,7 @@ cdef inline (double, double) robot_bounds(const RobotTable *table, int place) no
 
 
 cdef inline double table_offset(const RobotTable *table, int place, double position, int *interval) noexcept nogil:
-    """Return x - breaks[i] (m), where x is `position` limited to the table, in interval i; set `interval` to i."""
+    """Limit `position` to the table; set `interval` to its interval i, and return its distance (m) from breaks[i]."""
     cdef int i = min(max(place, 0), <int> table.intervals - 1)
     interval[0] = i
     if place == i:

@@ -1,4 +1,4 @@
-"""Draw pictures of an episode for the environment's `render`; time runs more slowly around contacts."""
+"""Draw pictures of an episode for the environment's `render`, in slow motion except for the mode "rgb_array"."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any

@@ -1,4 +1,4 @@
-"""Draw the chain, seen by a fixed camera: flange, coupling, tool, gap and object.
+"""Draw robot, coupling, tool, gap and object, as a fixed camera sees them.
 
 Positions and displacements are to scale. Simulated bodies have no size, so sizes are chosen here. The object is a ball
 of density DENSITY, but never larger than LARGEST_RADIUS. A bistable mechanism is drawn with its simulated dimensions.

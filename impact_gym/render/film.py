@@ -41,7 +41,7 @@ class State(NamedTuple):
 
     @property
     def penetration(self) -> float:
-        """Depth of the tool's face in the undeformed object, m; before the touch, minus the gap."""
+        """Depth of the tool's face in the undeformed object, m; without contact, minus the gap."""
         return self.tool_position - self.object_position
 
     @property

@@ -76,15 +76,15 @@ def simulate(
     law, distance = scene.contact, scene.object.distance
     stroke = isinstance(scene.coupling, SpringDamper) and scene.coupling.stroke
     if scene.robot is not None or scene.object.friction or law.reference_velocity or stroke:
-        raise ValueError('scene.robot, object.friction, dissipation "fixed" and coupling.stroke must be left out here')
+        raise ValueError('leave out scene.robot, object.friction, dissipation "fixed" and coupling.stroke with an arm')
     if law.stiffness_exponent != law.damping_exponent:
-        raise ValueError("contact.damping_exponent must equal contact.stiffness_exponent here")
+        raise ValueError("contact.damping_exponent must equal contact.stiffness_exponent with an arm")
     if not distance <= approach.position[-1]:
         raise ValueError(f"object.distance is {distance!r} m, but the line ends after {approach.position[-1]:.4g} m")
     if arm.joints != approach.joints or np.abs(arm.flange(approach.joint_angles[0])[0] - approach.start).max() > 1e-6:
         raise ValueError("approach must be of this arm: same joint names, and joint_angles[0] puts the flange at start")
     if servo is not None and not (arm.rotors > 0).all():
-        raise ValueError("a servo needs the arm's rotor_inertia, in kg m^2, above 0")
+        raise ValueError("with a servo, rotor_inertia of the arm must be above 0 kg m^2 for every joint")
     return _run(Equations(arm, approach, scene, Path(motion), gravity, servo, int(most_evaluations)), duration, rtol)
 
 

@@ -86,7 +86,7 @@ class Arm:
         return jacobian
 
     def held_rows(self, angles: ArrayLike) -> Array:
-        """Return the rows of J(q) that a line prescribes: all six; for under six joints, the three translations."""
+        """Return the rows of J(q) that a line prescribes: all six, or the first three with fewer than six joints."""
         return self.jacobian(angles)[: 6 if self.holds_orientation else 3]
 
     @cached_property
@@ -101,7 +101,7 @@ class Arm:
         return np.linalg.svd(np.vstack([rows[:3], self.length * rows[3:]]), compute_uv=False)
 
     def condition(self, angles: ArrayLike) -> float:
-        """Return the ratio of the largest to the `rank`-th singular value of `held_rows` (angular rows x `length`)."""
+        """Return largest / `rank`-th singular value of `held_rows`, with the angular rows multiplied by `length`."""
         sizes = self._singular_values(angles)
         return float(sizes[0] / sizes[self.rank - 1]) if sizes[self.rank - 1] > 0.0 else np.inf
 
@@ -158,10 +158,10 @@ class Arm:
         stiff position control behaves nearly like such a body (Wang, Dehio and Kheddar, arXiv 2202.12646).
 
         With more joints than rows of `held_rows`, held mass and stiffness are elements of (J A^-1 J^T)^-1, where A is
-        the joints' mass or stiffness matrix. For the damping, the joint rates are proportional to a static deflection.
+        the joints' mass or stiffness matrix. Damping assumes joint rates proportional to static joint deflections.
 
         Raises:
-            ValueError: the arm cannot move in `direction`, or is too near a singularity.
+            ValueError: the arm cannot move in `direction` or is too near a singularity, or an argument is invalid.
         """
         u, M, J = _unit(direction), self.mass_matrix(angles), self.held_rows(angles)
         self.check_condition(np.asarray(angles, dtype=np.float64), "the place")
@@ -170,7 +170,7 @@ class Arm:
         M_X, K_X = invert(J @ np.linalg.solve(M, J.T)), invert((J / self.stiffness) @ J.T)
         rates = (J / self.stiffness).T @ K_X @ held  # joint rates for 1 m/s along the line
         if not np.abs(J @ rates - held).max() < 1e-6:
-            raise ValueError(f"direction must be one in which the flange can move without another motion, got {u}")
+            raise ValueError(f"direction must be one in which the flange can move in a straight line, got {u}")
         x = u @ J[:3]
         mass, centre, tensor = self.composite(angles)
         lever = np.cross(self.flange(angles)[0] - centre, u)
@@ -183,7 +183,7 @@ class Arm:
         }  # fmt: skip
 
     def along(self, start: ArrayLike, direction: ArrayLike, length: float | ArrayLike) -> Approach:
-        """Return the table of the arm along a straight line; an arm with six joints or more keeps the orientation.
+        """Return the table of the arm along a straight line; from six joints on, the flange keeps its orientation.
 
         Args:
             start: joint angles where the line begins (n,), rad, for prismatic joints m.
@@ -232,7 +232,7 @@ def joint_angles(arm: Arm, position: ArrayLike, rotation: Array | None, near: Ar
     joints. If `rotation` is None, the orientation is free.
 
     Raises:
-        ValueError: the arm cannot reach the pose within its joint limits, or can reach it only near a singularity.
+        ValueError: the search ends off the pose, outside the joint limits, or too near a singularity.
     """
     goal, angles = np.asarray(position, dtype=np.float64), np.array(near, dtype=np.float64)
     where = f"x = {goal[0]:.6g} m, y = {goal[1]:.6g} m, z = {goal[2]:.6g} m"

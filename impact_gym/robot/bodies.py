@@ -62,7 +62,7 @@ def _inertia(body: Body, reach: float, balanced: bool) -> dict[str, Any]:
     if not least >= LEAST_INERTIA:
         raise ValueError(f"{found}: each must be above 0 (at least {LEAST_INERTIA:g} kg m^2)")
     if most <= (1.0 + ROUNDING) * (least + middle):
-        spread = np.maximum(spread, 1e-12 * spread.sum())  # because MuJoCo refuses even this small excess
+        spread = np.maximum(spread, 1e-12 * spread.sum())  # MuJoCo refuses even an excess within ROUNDING
         moments = spread.sum() - spread
     elif balanced:
         moments = np.full(3, spread.sum() * 2.0 / 3.0)

@@ -46,7 +46,7 @@ class Path:
         return self._places[k] + (speed + 0.5 * rate * since) * since, speed + rate * since, rate
 
     def brake(self, detection: float) -> None:
-        """Append a brake to rest, one delay after `detection` (s), the time when the force exceeds the threshold."""
+        """Brake to rest from one delay after `detection` (s), the time when the force first exceeds the threshold."""
         assert isinstance(self._motion, Trapezoid)
         assert self._motion.brake
         t = detection + self._motion.brake.delay

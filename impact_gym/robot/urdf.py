@@ -23,7 +23,7 @@ from impact_gym.validation import number, unit_text
 UNITS = {"revolute": "rad", "continuous": "rad", "prismatic": "m"}
 """Types of movable joints that an arm may have, and the unit of each type's position."""
 MOST_MASS, MOST_INERTIA, FARTHEST, MOST_TURN = 1e6, 1e12, 100.0, 10.0
-"""Largest numbers allowed in a file, in kg, kg m^2, m and rad; larger joint limits only cause a warning."""
+"""Largest absolute values allowed in a file, in kg, kg m^2, m and rad; larger joint limits only cause a warning."""
 MOST_JOINTS = 1000  # largest number of joints, because MuJoCo recurses from joint to joint
 Element = ElementTree.Element
 
@@ -89,7 +89,7 @@ def _way(links: Collection[str], joints: Sequence[Joint], base: str, tip: str) -
 
 
 def _parsed(content: bytes) -> Element:
-    builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()  # keeps prefixes, unlike ElementTree's parser
+    builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()  # keeps namespace prefixes, unlike ElementTree
     parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
     try:
         parser.Parse(content, True)
@@ -179,7 +179,7 @@ def _limits(joint: Joint, remarks: list[str]) -> tuple[str, float, float]:
     if joint.kind == "continuous":
         return unit, -np.inf, np.inf
     if limit is None:
-        raise ValueError(f"joint {name!r} has no limits, {unit}")
+        raise ValueError(f"joint {name!r} must have limits, in {unit}")
     low, high = (_numbers(f"{side} limit of {name}", limit, side, unit, "0", np.inf)[0] for side in ("lower", "upper"))
     if not low < high:
         raise ValueError(f"joint {name!r} has limits of {low:g} and {high:g} {unit}: the lower must be below the upper")
@@ -199,7 +199,7 @@ def _axis(joint: Joint) -> Array:
 
 
 def _inertia(link: Element, remarks: list[str]) -> Array:
-    """Return a link's pseudo-inertia J (4, 4), the integral of r r' over mass; r = (x, y, z, 1) in the link's frame.
+    """Return a link's pseudo-inertia J (4, 4), the integral of r r' dm with r = (x, y, z, 1) in the link's frame.
 
     In a frame in which the link has the pose T, the pseudo-inertia is T J T'. In a common frame the pseudo-inertias
     of welded links add up (Wensing, Kim and Slotine, IEEE Robotics and Automation Letters 3, 2018).

@@ -1,9 +1,9 @@
 """The outer loop: impose a velocity on the flange, while flights and contacts alternate."""
 
 cdef double GRAZE = 1e-12  # m/s, least approach velocity of a contact; at 0, z and w (`contact.pxi`) would stay 0
-# A flight on a spring ends as NOT_FINITE if |acceleration| / frequency^2 exceeds LOST times the object's position.
+# The flight of a SPRING chain fails (NOT_FINITE) if |acceleration| / frequency^2 > LOST * (|object position| + SHORT).
 cdef double LOST = 1e11  # at this ratio, rounding errors are about 1e-5 of the position
-cdef double SHORT = 1e-6  # m, added to the object's position in this test, because the position can be 0
+cdef double SHORT = 1e-6  # m, because the object's position can be 0
 
 
 cdef void reset_memory(Memory *memory, double step) noexcept nogil:
@@ -172,13 +172,13 @@ cdef double reach_at_rest(const Run *run, const Chain *chain) noexcept nogil:
 
 
 cdef inline double slow_swing(double velocity, double acceleration, double frequency) noexcept nogil:
-    """Return a bound (m) on the travel of an oscillation of `frequency` (rad/s) or more; inf: over REST_SPEED."""
+    """Return a bound (m) on the travel of an oscillation at `frequency` (rad/s) or above; inf: above REST_SPEED."""
     cdef double fastest = hypot(velocity, acceleration / frequency)
     return 2.0 * fastest / frequency if fastest <= REST_SPEED else INFINITY
 
 
 cdef void note_tool_rest(const Run *run, Chain *chain) noexcept nogil:
-    """With friction, set `tool_rest_time`, the time (s) since which the tool counts as at rest; inf: it does not."""
+    """With friction, set `tool_rest_time`, the time (s) from which the tool counts as at rest; inf: not at rest."""
     if run.ground > 0.0:
         chain.tool_rest_time = min(chain.tool_rest_time, chain.time) if reach_at_rest(run, chain) < INFINITY else INFINITY
 

@@ -231,6 +231,6 @@ cdef Accelerations motion_now(const Run *run, const Chain *chain, double acceler
 
 
 cdef double tool_momentum(const Run *run, const Chain *chain) noexcept nogil:
-    """Return the momentum (N s) that `moving_mass` gained in the contact, except by mass that joined (`joined`)."""
+    """Return the momentum (N s) that `moving_mass` gained in the contact, less that of joining mass (`joined`)."""
     cdef double before = moving_mass(run, chain.start_flange_position) * chain.start_tool_velocity
     return moving_mass(run, chain.flange_position) * tool_velocity(chain) - before - chain.joined

@@ -19,13 +19,13 @@ cdef enum:
     NOTHING = -1  # no event
     SHORTER = -2  # no clear event: try a shorter step
 
-cdef double SHORTEST_STEP = 1e-10  # scaled; a shorter step that starts on an event is not shortened further
+cdef double SHORTEST_STEP = 1e-10  # scaled; if a step below this length starts on an event, it is not shortened further
 
 
 cdef struct Events:
     double[ROWS] value  # negative before the event
     # height: smooth quantity whose maximum is searched; CLOCK and SEPARATION have none
-    double[ROWS] height, slope  # slope: derivative of height, else of value, by s (in flight: by scaled time)
+    double[ROWS] height, slope  # slope: derivative of height (without height, of value) by s, in flight by scaled time
 
 
 cdef void evaluate_events(const Piece *now, const double *x, const double *rate, Events *events) noexcept nogil:
@@ -97,7 +97,7 @@ cdef void evaluate_slider_events(const Piece *now, const double *x, const double
 
 cdef struct Finding:
     int event  # the first event in the step, NOTHING, or SHORTER
-    double share  # place of the event in the step, 0 to 1; for SHORTER the factor by which to shorten the step
+    double share  # place of the event in the step, 0 to 1; for SHORTER the factor for the step's length
     double within  # a place in the step, 0 to 1, at or after the event
     double peak, top  # scaled maxima inside the step (0: none) of the contact force and of a sliding object's speed
     double peak_at, top_at  # distances of `peak` and `top` from the start of the step, in the variable s
@@ -170,7 +170,7 @@ cdef int before_landing(const Piece *now, const Events *end, int landed, bint un
 
 
 cdef double extremum(double start, double start_slope, double end, double end_slope) noexcept nogil:
-    """Return the place of the maximum in (0, 1) of a cubic with these values and slopes, rising at 0, falling at 1."""
+    """Return where in (0, 1) a cubic is largest, given values and slopes at 0 and 1; it rises at 0 and falls at 1."""
     cdef double a = 3.0 * (end - start) - 2.0 * start_slope - end_slope, b = start_slope + end_slope - 2.0 * (end - start)
     cdef double root = sqrt(max(a * a - 3.0 * b * start_slope, 0.0))
     cdef double place = -start_slope / (a - root)
@@ -186,7 +186,7 @@ cdef double on_cubic(double t, double start, double start_slope, double end, dou
 
 
 cdef bint comes_back(int row, double h, const Events *start, const Events *end) noexcept nogil:
-    """Return whether a row has a maximum in a step. Only in FORCE, SLIP and TOP may the maximum be below 0."""
+    """Return whether a row has a maximum in a step. Except in FORCE, SLIP and TOP, it must be about 0 or above."""
     cdef double v0 = start.height[row], v1 = end.height[row], s0 = h * start.slope[row], s1 = h * end.slope[row], top
     if row == TOP and s1 < 0.0 < start.slope[SLIP]:
         return True  # at the start of a slip, the sign of s0 depends on rounding
@@ -280,8 +280,8 @@ cdef double clock_share(const Piece *now, const Work *work, double h) noexcept n
     cdef double v0 = h * work.x[ROOT], a0 = 0.25 * h * h * work.x[RATE], j0 = h * h * h / 12.0 * work.rate[RATE]
     cdef double v1 = h * work.trial[ROOT], a1 = 0.25 * h * h * work.trial[RATE], j1 = h * h * h / 12.0 * work.trial_rate[RATE]
     cdef double way = work.trial[TIME] - work.x[TIME], left = now.horizon - work.x[TIME]
-    # Time is a polynomial of order 7 in `share`. At the step's end, its terms up to order 3 have the error p; their
-    # first three derivatives, divided by 1, 2 and 6, have the errors q, r and t.
+    # A polynomial of degree 7 in `share` interpolates time. At the step's end, its terms up to degree 3 miss time by p,
+    # and their first three derivatives (divided by 1, 2 and 6) miss those of time by q, r and t.
     cdef double p = way - v0 - a0 - j0, q = v1 - v0 - 2.0 * a0 - 3.0 * j0
     cdef double r = a1 - a0 - 3.0 * j0, t = j1 - j0
     cdef double c4 = 35.0 * p - 15.0 * q + 5.0 * r - t, c5 = -84.0 * p + 39.0 * q - 14.0 * r + 3.0 * t
@@ -300,7 +300,7 @@ cdef double clock_share(const Piece *now, const Work *work, double h) noexcept n
 
 
 cdef double bend_share(const Work *work, double h) noexcept nogil:
-    """Return where in a flight's step (a fraction) the gap may shrink, though it grows at start and end; 1: nowhere."""
+    """Return the fraction of a flight's step where the gap may shrink, though it grows at both ends; 1: nowhere."""
     cdef double w0 = work.x[RATE], w1 = work.trial[RATE], bend0 = h * work.rate[RATE], bend1 = h * work.trial_rate[RATE]
     cdef double share
     if w0 > 0.0 or w1 > 0.0 or not bend0 > 0.0 > bend1 or w0 + bend0 <= 0.0:

@@ -2,7 +2,7 @@
 
 cdef double FIRST_STEP = 0.3  # length of the first step to try in a contact, in the variable s (see `contact.pxi`)
 cdef double FIRST_FLIGHT = 0.1  # first trial step of a flight, in units of 1 / highest angular frequency of the chain
-cdef double LARGEST_STEP = 1.0  # in units of FIRST_FLIGHT; a longer step is tried only if it cannot contain a touch
+cdef double LARGEST_STEP = 1.0  # same unit; a longer step is tried only if it cannot contain a touch
 # With friction, the duration (about z ds) of a contact's step is at most OVERSHOOT times the time left in the piece.
 # In a longer step, the end of the piece could not be located.
 cdef double OVERSHOOT = 1e3
@@ -173,7 +173,7 @@ cdef int conclude(Run *run, Chain *chain, int event, double until) noexcept nogi
 
 
 cdef void trace_step(Run *run, const Piece *now, Chain *chain, double taken) noexcept nogil:
-    """Record trace points of the accepted step. Shorter steps from its start compute the points inside."""
+    """Record trace points of the accepted step. A shorter step from the same start computes each point inside."""
     cdef Chain ghost = chain[0]
     cdef Events events
     cdef int64_t point, points = TRACE_POINTS

@@ -2,7 +2,7 @@
 
 An INTEGRATED chain has a coupling with stops, a compliant robot with an elastic coupling, or a robot table with a
 rigid coupling. Forces are computed in SI units, then scaled. The state has z, w, t, the impulse p on the object, the
-deflection y, its rate v, and the coupling's impulse s on the tool. A robot's mass can depend on its position: j is the
+deflection y, its rate v, and the coupling's impulse s on the tool. If a robot's mass depends on its position, j is the
 momentum of the mass that has joined the moving part. q is the flange's offset from the imposed motion, r its rate.
 """
 
@@ -59,7 +59,7 @@ cdef inline Accelerations motion(const Piece *now, const Swing *at, double push)
         move.pull = coupling_pull(now, at.y - at.q, at.y_dot - at.q_dot)
         move.gap = (move.pull - push) * now.tool_rate
         if now.robot.intervals:
-            flange_rate = now.per_acceleration / robot.mass  # faster than a division after the pull is known
+            flange_rate = now.per_acceleration / robot.mass  # to divide before the pull is known is faster
             move.flange = (-robot.stiffness * at.q - robot.damping * at.q_dot - move.pull) * flange_rate - now.push
     move.tool = move.gap - now.push
     move.gap += now.ground - push * now.object_rate
@@ -125,7 +125,7 @@ cdef inline Gradient flange_gradient(const Piece *now, const Swing *at, const Gr
 
 
 cdef inline void gradient_row(const Piece *now, const Gradient *part, double scale, double *row) noexcept nogil:
-    """Write a row of the Jacobian, except the columns z and w. `scale` converts the rate of this row from SI units."""
+    """Write the columns t, y, v, q, r of a row of the Jacobian. `scale`: scaled rate of the row, per N or m/s^2."""
     row[DEFLECTION] = scale * part.y * now.units.length
     row[DEFLECTION_RATE] = scale * part.y_dot * now.units.velocity
     row[OFFSET] = scale * part.q * now.units.length

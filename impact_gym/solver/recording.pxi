@@ -28,7 +28,7 @@ cdef void close_contact(const Run *run, Chain *chain, double end) noexcept nogil
 
 
 cdef void trace(const Run *run, Chain *counter, const Chain *chain, double acceleration, double push) noexcept nogil:
-    """Append the state of `chain` and the contact force `push` (N) to the trace; count it in `counter.traced`."""
+    """Append the state of `chain` and the contact force `push` (N) to the trace; count the row in `counter.traced`."""
     cdef TraceRow *row
     if run.recorder.trace_rows == 0:
         return

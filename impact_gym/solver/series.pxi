@@ -1,7 +1,7 @@
 """Steps by Taylor series, for analytic pieces. `taylor.h` computes the series; this file chooses and takes the step."""
 
 cdef enum:
-    LAST_ORDERS = 3  # number of last orders that give the radius of convergence; one is too few, as it can be all 0
+    LAST_ORDERS = 3  # number of last orders that give the radius of convergence; one of them can be all 0
 
 cdef double LEFT_OUT = 0.05  # largest truncation error / allowed local error, small because a contact's errors add up
 cdef double MOST_LEFT_OUT = 2e-8  # largest truncation error at any tolerance, because the errors of contacts add up

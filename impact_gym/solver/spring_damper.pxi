@@ -80,7 +80,7 @@ cdef Gap gap_at(const Glide *glide, double time) noexcept nogil:
 
 
 cdef double monotone_zero(const Glide *glide, int order, bint rising, double low, double high) noexcept nogil:
-    """Return the time (s) at which derivative `order` of the penetration, monotone from `low` to `high`, is 0."""
+    """Return the time (s) from `low` to `high` at which derivative `order` of penetration, monotone there, is 0."""
     cdef Gap gap
     cdef double following, time = 0.5 * (low + high)
     for _ in range(100):

@@ -105,15 +105,15 @@ cdef struct Chain:  # state of motion of chain and object, and results so far
     double peak_object_velocity  # m/s, so far; without friction 0, until `approach` sets it to the final velocity
     double object_rest_time  # s, when the object last came to rest; 0: never
     double tool_rest_time  # s, time from which the tool counts as at rest; inf: not at rest, or no friction
-    double slide  # m, with friction: way of the object from its first position to rest, as if no contact followed
+    double slide  # m, with friction: distance from the object's first position to its rest, as if no contact followed
     double rest_time  # s, with friction: time from which both object and tool are at rest; inf if the tool is not
     double unread_force  # N, largest contact force since the last call of `take_peak`
     double coupling_impulse  # N s, of the coupling on the tool (paper, eq. 21), sum over the contacts in `logged`
     double momentum_error  # -, largest `momentum_error` (see `ContactRow`) of the contacts that `logged` counts
     int64_t steps  # integration steps, rejected ones included
     int64_t logged  # number of contacts given to the contact log, including those that did not fit
-    int64_t traced  # number of trace points, including those that did not fit
-    int64_t snaps  # number of passages of the slider through its alignment, including those that did not fit
+    int64_t traced  # number of trace points, including those for which the array was full
+    int64_t snaps  # passages of the slider through its alignment, including those for which the array was full
     int64_t status  # 0: the approach lasted to its end; negative: status that ended it earlier
     double final_object_velocity, final_tool_velocity, final_flange_velocity  # m/s, at the end of an approach
 
@@ -178,7 +178,7 @@ cdef struct Work:  # work arrays of the integrator
 
 cdef struct Run:  # what the functions of the solver need in a run
     const Law *law
-    const double *tables  # numbers of all robot tables and motions, one after another
+    const double *tables  # tables of robots, motions, recorded commands and delays, one after another
     Contact contact
     double object_mass  # kg
     double ground  # m/s^2, mu g, deceleration of an object that slides; 0 without friction

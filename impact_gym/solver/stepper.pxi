@@ -18,7 +18,10 @@ cdef double NEAR = 3.5  # a step with a larger h lambda is near the limit of sta
 
 
 cdef double attempt(const Piece *now, Work *work, double h) noexcept nogil:
-    """Try a step of `h` from `work.x` into `work.trial`; return estimated / allowed error (a series: 0.5 or 2)."""
+    """Try a step of `h` from `work.x` into `work.trial`; return the ratio of estimated to allowed error.
+
+    A series has no error estimate: its ratio is 0.5, or 2 if `h` exceeds `work.longest`.
+    """
     if work.method == SERIES:
         evaluate(now, work, h, work.trial, work.trial_rate)
         return 0.5 if h <= work.longest else 2.0
@@ -29,7 +32,7 @@ cdef double attempt(const Piece *now, Work *work, double h) noexcept nogil:
 
 
 cdef double judge(const Piece *now, Work *work, double h, double *error) noexcept nogil:
-    """Return the factor for the next `h`; update `work.memory`. A trial that is not stable gets an `error[0]` of 2."""
+    """Return the factor for the next `h`; update `work.memory`. If a trial after stiff steps fails, it gets error 2."""
     cdef Memory *memory = &work.memory
     memory.seen += 1
     if work.method != STIFF and memory.method == STIFF:  # a trial after stiff steps
@@ -83,7 +86,7 @@ cdef double step_factor(Work *work, double error) noexcept nogil:
 
 
 cdef void probe(const Piece *now, Work *work, double h, double share) noexcept nogil:
-    """Compute state and rate at the fraction `share` of the last attempt (step `h`), for EXPLICIT by a polynomial."""
+    """Compute the state at the fraction `share` of the last attempt (step `h`), and the rate in this state."""
     cdef int i
     if work.method != EXPLICIT:
         probe_exactly(now, work, h, share)

@@ -144,7 +144,7 @@ cdef void drive(Run *run, Row *row, Command asked) noexcept nogil:
         if linked:
             process_events(row)
             asked = flange_command(row)
-            until = snap(min(until, max(next_event(row), chain.time)), end)  # events at `end` follow after the loop
+            until = snap(min(until, max(next_event(row), chain.time)), end)  # events at `end` are processed below
         begun = chain.time
         status = command(run, chain, asked.velocity, asked.acceleration, until) if until > chain.time else ARRIVED
         if linked and chain.contacts == 0 or status == TOUCHED:

@@ -1,6 +1,6 @@
 """Evaluation sets: files of fixed scenarios, each file with a checksum.
 
-A shipped set has the scenarios of the first episodes of environments with the seeds `seed`, `seed` + 1, ... To play
+A shipped set has the scenario of the first episode for each of the seeds `seed`, `seed` + 1, ... To play
 a set, call `envs.reset(options={"scenario": set.scenario})` of a batch of `set.count` environments.
 """
 

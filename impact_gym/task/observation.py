@@ -43,7 +43,7 @@ class ObservationSpec:
     """
 
     def __init__(self, task: Task, drawn: Iterable[str] | None = None) -> None:
-        """Make the specification of `task`; a critic also observes the numbers in `drawn` (ids; None: `task.drawn`)."""
+        """Specify the observation of `task`. A critic also observes the ids `drawn`, by default `task.drawn`."""
         critic = {*(task.drawn if drawn is None else drawn)}
         entries = filter(None, (_entry(row, task, critic) for row in QUANTITIES.values()))
         self.entries = tuple(sorted(entries, key=lambda entry: entry.observed == "privileged"))

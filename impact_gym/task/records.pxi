@@ -77,8 +77,8 @@ cdef struct Episode:  # drawn numbers, state and results of an episode
     double approach_time  # s, time of the first contact; the horizon if there is none yet
     double slide, rest_time  # m, s, see `Chain`; inf without friction, and before the episode terminates
     double done_time  # s, end of the last control step so far
-    double taken  # ratio of `withheld_way` to `commanded_way` (see `Link`) before the touch, so far
-    double late  # s, expected time from a touch until the operator's stop reaches the arm
+    double taken  # ratio of `withheld_way` to `commanded_way` so far, see `Link`
+    double late  # s, both mean delays + reaction time: expected time from a touch until a model's stop reaches the arm
 
 
 cdef struct Packet:  # a command, and the packet that the arm sends to the display at the same time
@@ -103,7 +103,7 @@ cdef struct Link:  # operator, channels and assistance of a row
     double alarmed  # s, when the last alarm reached the controller; -inf before the first
     double believed  # m, assumed distance of the object
     double duration  # s, duration of the operator's motion, if the operator is a `Reach`
-    double muscle, tremor  # motor noise after the first and after both muscle lags, see MUSCLE in `operator.pxi`
+    double muscle, tremor  # -, motor noise after the first and after both muscle lags, see MUSCLE in `operator.pxi`
     double last_sent, effective  # m/s; `last_sent`: last command sent, `effective`: `command`, or 0 if it has expired
     double person_command  # m/s, what a `Person` commands
     double gain, acceleration, withdrawal  # of the assistance: -, m/s^2, m/s
@@ -111,9 +111,9 @@ cdef struct Link:  # operator, channels and assistance of a row
     double age_mean, age_squares  # s, s^2: mean age of used commands on arrival, sum of the squares of (age - mean)
     # counts: `packets` sent, `arrived` used, `ticks` sent regularly; `oldest`: index of the oldest usable command
     int64_t packets, oldest, arrived, ticks
-    int64_t display_packets, seen_packet  # number of packets sent to the display; index of the newest one seen
+    int64_t display_packets, seen_packet  # number of packets sent to the display; index of the newest `Packet` seen
     int64_t expired, stopped  # 0 or 1: `command` has expired; the operator has stopped
-    int64_t uplink_lost, downlink_lost  # 0 or 1: `loss` took the channel's last packet
+    int64_t uplink_lost, downlink_lost  # 0 or 1: result of `is_lost` for the channel's last packet
 
 
 cdef struct RangeReading:  # of the range sensor, in transit to the controller

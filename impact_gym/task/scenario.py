@@ -40,7 +40,7 @@ class ScenarioRanges:
         raise WrongTypeError(f"scenario must be a ScenarioRanges, a mapping or a name, got {shown(value)}")
 
     def by_id(self) -> dict[str, Range]:
-        """Return the ranges by the id of the number."""
+        """Return a dict from the id of each number to its range."""
         return {name: getattr(self, name) for name in FIELDS}
 
 

@@ -56,6 +56,6 @@ cdef bint is_over(const Run *run, const Chain *chain) noexcept nogil:
         return not chain.touching and cannot_touch(run, chain)
     if isinf(chain.tool_rest_time):
         return False
-    if chain.touching or chain.peak_object_velocity > 2.0 * REST_SPEED:  # a tool at rest cannot cause this speed
+    if chain.touching or chain.peak_object_velocity > 2.0 * REST_SPEED:  # a tool at REST_SPEED cannot cause this speed
         return True
     return reach_at_rest(run, chain) < -chain.penetration or cannot_touch(run, chain)

@@ -34,7 +34,7 @@ PARTS: Mapping[str, tuple[Any, ...]] = {
     "coupling": get_args(Coupling), "robot": (Robot,), "range_sensor": (RangeSensor,),
     "operator": get_args(Operator), **dict.fromkeys(WAYS, (Channel,)),
 }  # fmt: skip
-"""The allowed classes of each argument that takes an object, or a dict that describes the object."""
+"""The allowed classes of each argument, except `scenario`, that takes an object or a dict that describes the object."""
 
 
 def argument(default: Any, words: str) -> Any:
@@ -97,7 +97,7 @@ class Task:
         return self
 
     def __post_init__(self) -> None:
-        drawn: dict[str, Range] = {}  # `checked`: all arguments except those that are None by default and here
+        drawn: dict[str, Range] = {}  # `checked`: all arguments except those left at the default None
         checked = [name for name in ARGUMENTS if getattr(Task, name) is not None or getattr(self, name) is not None]
         self._put("scenario", ScenarioRanges.of(self.scenario))
         for name, kinds in PARTS.items():
@@ -146,13 +146,13 @@ class Task:
         return dict(self._given)
 
     def by_path(self) -> dict[str, Any]:
-        """Return arguments (without `scenario`) and their `_parts` by dotted path. A range stays as given."""
+        """Return arguments except `scenario`, and their parts (`_parts`), by dotted path. A range stays as given."""
         values = {name: self._given.get(name, getattr(self, name)) for name in ARGUMENTS if name != "scenario"}
         parts = {name: self._parts(name) for name in PARTS if getattr(self, name) is not None}
         return values | {f"{name}.{part}": value for name, its in parts.items() for part, value in its.items()}
 
     def changed(self, by_path: Mapping[str, Any]) -> "Task":
-        """Return a copy of the task with other arguments, or parts of them, by path, such as "coupling.stiffness"."""
+        """Return a copy with the values in `by_path`; a path is an argument or a part, such as "coupling.stiffness"."""
         arguments = self.arguments()
         for name, value in grouped(by_path).items():
             if name not in by_path:  # `by_path` has parts of this argument

@@ -119,7 +119,7 @@ cdef Command flange_command(Row *row) noexcept nogil:
 
 
 cdef void assist(Row *row, double gain, double acceleration, double withdrawal) noexcept nogil:
-    """Set the assistance. The withdrawal is 0 before an alarm, and fades to 0 from `after_alarm` after an alarm on."""
+    """Set the assistance. The withdrawal is 0 before an alarm. It fades to 0 once `after_alarm` (s) has passed."""
     cdef double since
     row.link.gain, row.link.acceleration = gain, acceleration
     row.link.withdrawal = 0.0

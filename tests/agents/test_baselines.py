@@ -147,9 +147,9 @@ AGAIN = "impact-gym tune linear-ranged"
 
 @pytest.mark.parametrize(("changes", "words"), [
     ({"weights": {}, "sha256": "as it was"}, ("was altered", AGAIN)), (None, ("damaged", AGAIN)),
-    ({"parameters": []}, ("another table of parameters", AGAIN)),
-    ({"environment": {"range_noise": 0.02}}, ("another environment", AGAIN)),
-    ({"format": "impact_gym tuned baseline 0"}, ("has another format", AGAIN)),
+    ({"parameters": []}, ("the table of parameters in", AGAIN)),
+    ({"environment": {"range_noise": 0.02}}, ("the environment in", AGAIN)),
+    ({"format": "impact_gym tuned baseline 0"}, ("the format in", AGAIN)),
     ({"weights": {}}, ("has no time weight",)), ({"weights": FAST}, ("at most 1.5 m/s, got 9",)),
 ], ids=str)  # fmt: skip
 def test_missing_or_changed_tuned_file_is_refused_with_a_remedy(tmp_path, changes, words):

@@ -40,7 +40,7 @@ def test_result_of_a_scenario_does_not_depend_on_the_other_scenarios(make):
 
 
 def test_scenario_batch_reports_a_failed_scenario_or_counts_it_as_missed():
-    with pytest.raises(RuntimeError, match=f"scenario seeded {TEST_SEED}: .*more integration steps"):
+    with pytest.raises(RuntimeError, match=f"scenario with seed {TEST_SEED}: .*more integration steps"):
         ScenarioBatch(TEST_SEED, 1, max_steps=10).play(PaperTrapezoid())
     validation = Validation(Task(), WEIGHTS, scenarios=5, max_steps=10)
     assert validation.score(PaperTrapezoid())["missed"] == [1.0] * len(WEIGHTS)

@@ -180,7 +180,7 @@ def test_command_ends_if_a_call_finds_the_disk_full_and_keeps_stored_results(pro
     ((numbers, [], {"processes": -1}), ValueError, "processes .* at least 0, got -1"),
     ((numbers, [], {"seconds": 2.0, "cluster": "ray"}), ValueError, "seconds or cluster, not both"),
     ((numbers, [], {"seconds": 0.0}), ValueError, "seconds .* above 0 s"),
-    ((lambda: 1, [{}], {}), ValueError, "put it into a module"),
+    ((lambda: 1, [{}], {}), ValueError, "define it at the top level of a module"),
     ((numbers, [{"log": "x"}], {}), TypeError, "missing a required argument: 'number'"),
     ((numbers, [{"log": "x", "number": np.array([1.0])}], {}), TypeError, "JSON"),
     ((threading.Event, [{}], {"processes": 0}), JobsFailedError, "Event.*pickle"),

@@ -62,7 +62,7 @@ def test_status_says_that_an_episode_has_not_settled():
     assert info["status"].startswith("not settled")
     assert 0.0 < info["object_velocity"] == -info["reward_terms"]["velocity"]
     assert info["reward_terms"]["missed"] == 0.0
-    with pytest.raises(RuntimeError, match=f"scenario seeded {SEED}: not settled"):
+    with pytest.raises(RuntimeError, match=f"scenario with seed {SEED}: not settled"):
         ScenarioBatch(SEED, 2, Task(**task)).play(RULE)
 
 

@@ -76,12 +76,12 @@ def test_line_of_an_option_in_the_help_ends_where_the_next_word_does_not_fit():
 
 def test_list_of_commands_is_printed_for_no_name_help_and_an_unknown_name(exit_of, capsys):
     assert exit_of("study", "telop") == 2
-    assert "no study 'telop': teleop?" in capsys.readouterr().err
+    assert "no study 'telop': did you mean teleop?" in capsys.readouterr().err
     for words in ((), ("--help",), ("reprot",)):
         status, printed = exit_of(*words), capsys.readouterr()
         text = printed.err if words == ("reprot",) else printed.out
         assert [line.split()[0] for line in text.splitlines() if line.startswith("  ")] == NAMES
-        assert (status, "'reprot': report?" in text) == ((2, True) if words == ("reprot",) else (0, False))
+        assert (status, "'reprot': did you mean report?" in text) == ((2, True) if words == ("reprot",) else (0, False))
     exit_of("--version")
     assert {f"impact-gym {version('impact-gym')}", f"numpy {np.__version__}"} <= {*capsys.readouterr().out.splitlines()}
 

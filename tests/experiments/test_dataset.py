@@ -89,10 +89,10 @@ def test_dataset_of_another_version_is_refused(tmp_path):
     file = next(tmp_path.rglob("main_data.hdf5"))
     with h5py.File(file, "a") as content:
         content["episode_3/rewards"][5] += 1e-16 + abs(content["episode_3/rewards"][5]) * 1e-15
-    refused(check_rule, "rewards of episode 3 differ when replayed", "it was made with impact-gym==")
+    refused(check_rule, "rewards of episode 3 differ when replayed", "the dataset was made with impact-gym==")
     about = next(tmp_path.rglob("metadata.json"))
     about.write_text(about.read_text().replace("time_weight", "weight_of_time"))  # an unknown argument
-    refused(check_rule, "has an environment that is not of this package", "weight_of_time")
+    refused(check_rule, "cannot be loaded", "weight_of_time")
 
 
 RUN = "subprocess:check_output"
@@ -118,7 +118,7 @@ def test_check_imports_nothing_that_a_dataset_names(root, tmp_path, monkeypatch,
     if not spaces:
         del about["observation_space"]
     file.write_text(json.dumps(about))
-    refused(check_rule, "has an environment that is not of this package", field)
+    refused(check_rule, "cannot be loaded", field)
     assert not Path("evil").exists()
 
 
@@ -175,7 +175,7 @@ def test_operator_draws_every_recording_and_a_set_up_takes_it(folder, tmp_path):
 
 
 def test_tries_that_do_not_count_or_do_not_fit_are_refused(tmp_path):
-    refused(lambda: make(tmp_path), "has no try of a person that is not marked")
+    refused(lambda: make(tmp_path), "has no try of a person to use")
     for setup in ("teleop-rigid", "teleop-spring"):
         try_files.write(tmp_path / f"{setup}.json", pushed(lambda time: 0.4 if time < 2.0 else 0.0, setup=setup))
     refused(lambda: make(tmp_path, operator=tmp_path / "operator.toml"), "several set-ups or couplings")

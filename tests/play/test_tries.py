@@ -56,7 +56,7 @@ def test_file_that_is_no_try_is_refused_in_one_line(name, made, tmp_path):
     value = {**made.get(part, {}), inner: DAMAGES[name]} if inner else DAMAGES.get(name)
     text = json.dumps({**made, part: value}) if name in DAMAGES else {"no": "{}", "list": "[]"}.get(name, name)
     (tmp_path / "a.json").write_text(text)
-    refused(lambda: try_files.read(tmp_path / "a.json"), "a.json is not read as a try")
+    refused(lambda: try_files.read(tmp_path / "a.json"), "a.json cannot be read as a try")
 
 
 def test_file_that_would_not_end_is_refused(tmp_path):

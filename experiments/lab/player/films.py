@@ -124,7 +124,7 @@ def farthest(run: History, end: float) -> float:
 
 
 def clock(runs: Sequence[History], end: float, coarse: float = 1.0) -> list[list[float]]:
-    """Divide a film until `end` (s) into parts [start (s), slow-motion factor].
+    """Return the parts of a film that ends at `end` (s), each as [start (s), slow-motion factor].
 
     The factor of a part is the largest of the factors of all `runs`.
     """
