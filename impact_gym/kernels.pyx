@@ -118,7 +118,7 @@ def approach_rows(
     """Run the approaches `first` to `last` - 1 of `plans` (n, APPROACH), and write the results to `chains` (n, CHAIN).
 
     Args:
-        tables: numbers of all robot tables and motions (k,); the plans' `mount.table` and `motion` are indices in it.
+        tables: array (k,) of all robot tables and motions; a plan's `mount.table` and `motion` are indices in it.
         tolerance: allowed local error of a step, in natural units (see `contact.pxi`); relative for components above 1.
         max_steps: an approach that needs more integration steps ends with the status STEP_LIMIT.
         recorder: arrays of the last approach: contacts (CONTACT), trace points (TRACE), times (s) at which a slider
@@ -143,7 +143,7 @@ def approach_rows(
 
 
 def laws_of(mounts):
-    """Return the laws (n, LAW) of the simplest chains that are equivalent to `mounts` (n, MOUNT)."""
+    """Return the simplest equivalent models (n, LAW) of `mounts` (n, MOUNT): tool mass, coupling and robot."""
     cdef int64_t i
     laws = np.empty(len(mounts), LAW)
     cdef const Mount *mount = <const Mount *> memory_of(mounts)

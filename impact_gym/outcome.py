@@ -65,7 +65,7 @@ class Outcome(NamedTuple):
     snap_through: tuple[float, ...]  # s, times at which the slider of a `Bistable` coupling passes the alignment
     peak_object_velocity: float  # m/s, largest velocity of the object; without friction the final velocity
     slide: float | None  # m, slide of the object until it rests, as if no contact followed the run; None: no friction
-    rest_time: float | None  # s, from when object and tool (below 1 mm/s) rest; inf: the tool moves; None: no friction
+    rest_time: float | None  # s, when object and tool (< 1 mm/s) have come to rest; inf: tool moves; None: no friction
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,8 +20,8 @@ class Parameters:
     """Base class of dataclasses that check their numbers when an object is made, and store them as floats.
 
     The limits of a field come from the row "{path}.{field}" of `quantities` or from an annotation such as
-    `Annotated[float, SI("m", above=0)]`. Fields with neither, and fields in `checked_by_itself`, are not checked. A
-    field with the default None may be None. A sequence of numbers is stored as a tuple.
+    `Annotated[float, SI("m", above=0)]`. A field without limits, or in `checked_by_itself`, is not checked. A field
+    with the default None may be None. A sequence of numbers is stored as a tuple.
     """
 
     __slots__ = ()

@@ -1,12 +1,12 @@
 """The slow and simple independent solver, with which tests and studies compare the solver of `impact_gym`.
 
 All modules except `task` import nothing from `impact_gym`; they read the attributes of scene and motion. Events divide
-a motion into phases with smooth equations, see `chain.System.switches`. Flight is in SI units, a contact in the units
+a motion into phases with smooth equations, see `chain.System.switches`. Flight is in SI units. A contact is in units of
 
     length: delta0 = (M v_in^2/k_c)^(1/(m+1)),    time: t0 = delta0/v_in,    force: F0 = k_c delta0^m = M v_in/t0,
 
 with the approach velocity v_in, the stiffness k_c and exponent m of the contact, and the reduced mass M of object and
-tool. If the coupling is rigid, the tool's mass includes the robot's, and counts as infinite without a robot.
+tool. With a rigid coupling, the tool's mass in M includes the robot's; without a robot, it is infinite.
 """
 
 from dataclasses import dataclass, field
@@ -16,12 +16,12 @@ from experiments.reference.chain import Chain
 from experiments.reference.integration import SOLVERS
 from experiments.reference.motion import ContactRecord, Motion
 
-STIFF_RATES = 1e5  # limit of (decay rate of a stop) * duration; above the limit, flight needs an implicit method
+STIFF_RATES = 1e5  # limit of (largest rate of a stop) * duration; above the limit, flight needs an implicit method
 
 
 @dataclass(frozen=True)
 class Reference:
-    """State at the end of a run (m/s, m), and the run's events."""
+    """Result of a run: the state at its end (m/s, m), largest values, and events."""
 
     object_velocity: float
     peak_object_velocity: float

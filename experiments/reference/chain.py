@@ -16,7 +16,7 @@ from experiments.reference.command import Command
 from experiments.reference.integration import Switch, Vector
 from experiments.reference.laws import BistableForce, StoppedSpring, damping_factor, robot_law
 
-# values of `Switch.slack`, an allowance for rounding errors; values without a unit are in the `Scales` of the contact
+# values of `Switch.slack`, an allowance for rounding errors; values without a unit are in units of `System.scales`
 SLACK = 1e-12  # for sign and slope of the contact force, and for the velocity of a sliding object
 STEADY = 1e-9  # for the contact force minus friction
 POSITION_SLACK = 1e-16  # m, for the position of the slider
@@ -45,7 +45,7 @@ class StiffError(Exception):
 
 
 class Chain:
-    """The bodies and laws of a scene (SI units), and which switches are `on`; `motion` may be a `Command`."""
+    """Bodies and force laws of a scene (SI units); `on`: whether each switch is on. `motion` may be a `Command`."""
 
     def __init__(self, scene: Any, motion: Any) -> None:
         coupling, contact, robot = scene.coupling, scene.contact, getattr(scene, "robot", None)
@@ -73,7 +73,7 @@ class Chain:
         nodes = getattr(robot, "position", ())  # m, positions in a table of robot parameters
         self.command.nodes = np.array(nodes)
         self.linear = self.bistable is None and not len(nodes) and not self.friction
-        slow, fast = [0.0], [0.0]  # 1/s, rates of the chain's oscillations; rates of the stops' motion
+        slow, fast = [0.0], [0.0]  # 1/s, rates of the robot and of a coupling with stops; rates of the stops
         if robot is not None:
             slow.append(float(np.sqrt(np.max(np.divide(robot.stiffness, robot.mass)))))
         if self.bistable is not None:
@@ -102,7 +102,7 @@ class Chain:
 
 
 class System:
-    """The equations of one flight or one contact, scaled by `scales`. A phase is a part with smooth equations."""
+    """The scaled equations of one flight or contact. A phase is a part of a flight or contact with smooth equations."""
 
     def __init__(self, chain: Chain, scales: Scales, touching: bool, damping: float = 0.0) -> None:
         self.chain, self.scales, self.touching, self.on = chain, scales, touching, chain.on
@@ -116,7 +116,7 @@ class System:
         self.patience = inf  # number of calls of `rates` before a StiffError
 
     def enter(self, t: float) -> float:
-        """Begin a phase at t (s); return the time (s) of the next piece or node of the command."""
+        """Begin a phase at t (s); return the time (s) at which the command reaches its next piece or node."""
         self.x_r, self.v_r, self.a, cut = self.chain.command.at(t)
         self.alpha = self.a * self.scales.time**2 / self.scales.length
         return cut

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 
 class Command:
-    """The commanded motion (None: at rest) as pieces: start (s), position (m), velocity (m/s), acceleration (m/s^2)."""
+    """The commanded motion in pieces: start (s), position (m), velocity (m/s), acceleration (m/s^2)."""
 
     def __init__(self, motion: Any = None, threshold: float = inf) -> None:
         self.pieces = [(0.0, 0.0, 0.0, 0.0)]
@@ -23,7 +23,7 @@ class Command:
             self.deceleration = a if self.brake.deceleration is None else float(self.brake.deceleration)
 
     def at(self, t: float) -> tuple[float, float, float, float]:
-        """Return position (m), velocity (m/s), acceleration (m/s^2) and the time of the next piece or node (s)."""
+        """Return position (m), velocity (m/s), acceleration (m/s^2), time (s) of the next piece or node (inf: none)."""
         start, x, v, a = [p for p in self.pieces if p[0] <= t][-1]
         s = t - start
         x, v = x + (v + a * s / 2) * s, v + a * s

@@ -2,7 +2,7 @@
 
 `solve_ivp` compares the signs of an event function at both ends of a step, so it misses two zeros in one step. This
 module also computes the event functions (gauges) inside each step, on the cubic through the states and slopes at both
-ends. If a gauge is near zero on the cubic, the module uses the integrator's interpolant.
+ends. If a gauge has a zero or nearly has one on the cubic, the module seeks the zero on the integrator's interpolant.
 """
 
 from collections.abc import Callable

@@ -27,7 +27,7 @@ RobotLaw = Callable[[float], tuple[float, float, float]]
 def damping_factor(name: str, e: float, m: float, n: float) -> float:
     """Return the factor d of the contact force u^m + d u^n u', for the restitution e and the law `name`.
 
-    Penetration u and force are in the scales of the contact, see `experiments.reference`. With "exact" the restitution
+    Penetration u and force are in the units of a contact, see `experiments.reference`. With "exact" the restitution
     of an isolated contact is exactly e. ValueError: no law has this name.
     """
     if name in CLOSURES:
@@ -61,7 +61,7 @@ def _equal_exponents(e: float) -> float:
 
 
 def _linear_restitution(zeta: float) -> float:
-    """Return the restitution of a contact with a linear spring and damper, which ends when the force is 0."""
+    """Return the restitution of a contact with a linear spring and damper; the contact ends when the force is 0."""
     critical = abs(zeta - 1) < 1e-9
     ratio = 1 - (zeta - 1) / 3 if critical else abs(emath.arccos(zeta) / emath.sqrt(1 - zeta**2))
     return exp(-2 * zeta * ratio)
@@ -80,7 +80,7 @@ def _unequal_exponents(e: float, m: float, n: float) -> float:
 def _isolated_restitution(d: float, m: float, n: float) -> float:
     """Return -u' at the end of the contact u'' = -u^m - d u^n u' with u(0) = 0 and u'(0) = 1.
 
-    The contact ends when u'' = 0 if n < m, otherwise when u = 0.
+    If n < m, the contact ends when u'' = 0, otherwise when u = 0.
     """
 
     def rates(_: float, y: list[float]) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""The motion of a chain, integrated from event to event."""
+"""The motion of object, tool and flange, integrated from event to event."""
 
 from dataclasses import dataclass
 from math import inf, sqrt

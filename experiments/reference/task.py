@@ -30,7 +30,7 @@ FLOOR = 1e-12  # m/s, `Motion.floor`, as in the environment
 PATIENCE = 3000  # `Motion.patience`, a number of evaluations
 ROUNDING = 1e-9  # s, allowed rounding error of a time
 SETTLE_SLICE = 0.05  # s, largest time between two calls of `Motion.over` after the episode
-# functions by `Scale.curve`: `_observe` applies one to a value and to both limits of its scale
+# functions by `Scale.curve`; before scaling, `_observe` applies the function to the value and to both limits
 CURVES: dict[str, Callable[[float], float]] = {"linear": float, "log": log, "log1p": log1p}
 
 
@@ -168,7 +168,7 @@ def _at_rest(task: Task, scenario: Mapping[str, float]) -> Motion:
 
 
 def _observation_times(task: Task, alarm: float, by_reading: bool) -> list[float]:
-    """Return times (s) of observations and of the episode's end. Unless `by_reading`, an alarm begins a new period."""
+    """Return times (s) of observations and of the episode's end. Unless `by_reading`, periods restart at the alarm."""
     end, period = task.horizon if alarm == inf else alarm + task.after_alarm, task.control_period
     start = 0.0 if alarm == inf or by_reading else alarm
     before = [] if start == 0.0 else [k * period for k in range(1, 1 + int((alarm - ROUNDING) / period))] + [alarm]

@@ -27,7 +27,7 @@ from impact_gym.task import Task, evaluation_sets
 from impact_gym.validation import number, whole
 
 RESULTS = "results.json"
-MARK = ".impact_gym"  # lock file; a report may be written to an empty folder, or to a folder with this file
+MARK = ".impact_gym"  # lock file; a report may be written to a new or empty folder, or to a folder with this file
 DEPENDS = ("impact_gym", "agents", "experiments.report", "experiments.lab")  # modules on which a page depends
 PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "matplotlib", "polars", "jinja2")
 
@@ -118,7 +118,7 @@ def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict
 
 
 def matchups_of(options: ReportOptions) -> list[Matchup]:
-    """Return the matchups of the options; ValueError: policy, baseline or scenarios are missing or invalid."""
+    """Return the matchups of the options; ValueError: an option is invalid, or a file is missing or invalid."""
     if options.policy:
         scenarios, changes = scenarios_from(options.scenarios or "test", options.count)
         return of_policies(options.policy, options.baseline, scenarios, changes, options.time_weight)
@@ -136,7 +136,7 @@ def matchups_of(options: ReportOptions) -> list[Matchup]:
 
 
 def write(options: ReportOptions) -> Path:
-    """Write the report unless it is up to date, print answers, return its path; ValueError: an option is invalid."""
+    """Write the report unless it is up to date, print answers, return the page's path; ValueError: invalid options."""
     there = next(path for path in (options.out, *options.out.absolute().parents) if path.exists())
     if not there.is_dir():
         raise ValueError(f"out must be a folder, but {there} is a file")
@@ -146,7 +146,7 @@ def write(options: ReportOptions) -> Path:
 
 
 def publish(matchups: Sequence[Matchup], options: ReportOptions) -> Path:
-    """Write the report of `matchups` as `write` does; `options` has the folder."""
+    """Write the report of `matchups` into the folder `options.out`, as `write` does; return the path of the page."""
     begun = time.perf_counter()
     own = {each.controller["object"].partition(":")[0]
            for matchup in matchups for each in matchup.baselines if "object" in each.controller}  # fmt: skip

@@ -1,6 +1,6 @@
 """Ablation: contestants from the paper's rule to the policy, each with more abilities than the contestant before.
 
-The contestants add in order: the arm's limits (a constant speed and accelerations, tuned for each weight), the range of
+The contestants add in order: the arm's limits (constant speed and accelerations tuned for each weight), the range of
 distances, the shape of the speed profile, the distance estimate, and learning. A gain is the difference in V_p or cost
 from the contestant before; another order could give other gains.
 """
@@ -21,8 +21,8 @@ from experiments.report.played import MISSED_TOO_OFTEN, Played, Run
 from impact_gym.task import Task
 
 LIMITS = {(False, False): "", (False, True): "at least ", (True, False): "at most ", (True, True): "about "}
-"""Words before a gain, by (contestant before, this contestant). True: the contestant takes less time than the paper's
-rule at every weight; with the rule's approach time, its V_p would be lower."""
+"""Words before a gain. The key: whether the contestant before, and whether this contestant, takes less time than the
+paper's rule at every weight. At the rule's time, V_p of such a contestant would be lower than the V_p reported."""
 
 
 class Link(NamedTuple):
@@ -39,12 +39,12 @@ class Gain:
 
     value: Estimate  # m/s
     less: Estimate | None  # m/s, the gain; None for the first contestant, or if no gain can be claimed
-    share: Estimate | None  # ratio of the gain to the policy's gain over the rule; None if no share can be claimed
+    share: Estimate | None  # ratio of the gain to the policy's gain over the rule; None: first contestant, or no claim
 
 
 @dataclass(frozen=True)
 class Step:
-    """A `Link` with its V_p and its cost, and the gains in both."""
+    """The contestant of a `Link`, its V_p and its cost, and the gains in both."""
 
     added: str
     contestant: str
@@ -76,7 +76,7 @@ def links(played: Played) -> list[Link]:
 
 
 def steps_of(played: Played) -> list[Step]:
-    """Return the steps. A clairvoyant search at the typical weight is the last step, on the scenarios it searched."""
+    """Return the steps. If a clairvoyant search used the typical weight, it is the last step, on its scenarios."""
     sequence, weight = links(played), played.matchup.typical
     steps = _steps(sequence, played.resamples, weight, policy=len(sequence) - 1)
     if played.bound is None or weight not in played.bound.weights:
@@ -105,7 +105,7 @@ def _steps(sequence: Sequence[Link], resamples: Resamples, weight: float, policy
 
 
 def gains(values: Sequence[Floats], policy: int, claimed: bool = True) -> list[Gain]:
-    """Return a gain for each contestant; `values`: V_p or costs (m/s) in the sample and n resamples, each (1 + n,)."""
+    """Return a gain for each contestant; `values`: V_p or cost of each (m/s), (1 + n,): sample and n resamples."""
     total = Comparison(values[policy], values[0])
     shared = claimed and total.less.low > 0.0
     steps = [Gain(estimate(values[0]), None, None)]
@@ -139,9 +139,9 @@ def _cells(gain: Gain, limit: str = "") -> list[str]:
 
 
 def sentence(steps: Sequence[Step]) -> str:
-    """Return a sentence with each step's share of the gain in V_p; "" if a share is missing, or with only one gain.
+    """Return a sentence with the share of each gain in V_p; "" if a share is missing, or if there is only one gain.
 
-    If a step has `later` > 0, the shares are those of the gain in cost.
+    If a step has `later` > 0, the sentence has shares of the gain in cost. The clairvoyant search is left out.
     """
     first, *gained = (step for step in steps if step.contestant != BOUND)
     if any(step.later > 0.0 for step in gained):

@@ -25,13 +25,13 @@ class Answer:
     each: tuple[float, ...]  # `reduction` for each seed; empty if the front of a seed does not reach the paper's time
     reached: bool  # whether the policy's front reaches the paper's time; if not, `reduction` is at the nearest end
     later: float  # (t - paper's time) / paper's time, with t the nearest time on the front; 0 if `reached`
-    needed: float  # m/s per s, time weight at which the extrapolated front would reach the paper's time; nan: none
+    needed: float  # m/s per s, weight at which the extrapolated front reaches the paper's time; nan: not in 0.01 to 100
     sooner: Estimate  # fraction by which the policy's mean time is below the paper's time, at the rule's mean V_p
     beyond: str  # "slower": all V_p of the front are below V_p of the rule; "faster": all are above; "": neither
     velocity: Estimate  # m/s, V_p of the policy at the paper's time, or at the nearest end of the front, see `reached`
     rival: str  # name of the main baseline if it is tuned, else ""
     rival_reduction: Estimate | None  # `reduction` of the rival; None: it is untuned, or always later than the rule
-    improvement: Estimate  # share of scenarios with a touch and a lower V_p than the rule's; an equal V_p counts half
+    improvement: Estimate  # at about the rule's time: share of scenarios with a touch and a lower V_p; equal: half
     missed: int  # missed objects in all episodes (all seeds, all weights)
     episodes: int  # number of these episodes
 
@@ -99,7 +99,7 @@ def at_least(answer: Answer) -> str:
 
 
 def sentence(answer: Answer, matchup: Matchup) -> str:
-    """Return the answer of a set-up in a sentence or two."""
+    """Return the answer of a set-up in words, with intervals."""
     begin = f"{matchup.name} ({matchup.note}): "
     if answer.missed > MISSED_TOO_OFTEN * answer.episodes:
         return begin + f"the policies miss {answer.missed:,} of {answer.episodes:,} objects, so nothing is claimed."
@@ -149,7 +149,7 @@ def at_rule_time(answer: Answer, played: Played) -> str:
 
 
 def assisted(played: Played, intervals: bool = False) -> str:
-    """Return in words the mean slide of the object and the mean duration of an episode, for each assistance."""
+    """Return in words the mean slide of the object and the mean duration of an episode, with each controller."""
     weight, plain = played.matchup.typical, {each.name: each.plain for each in played.matchup.baselines}
     contestants = {f"the {POLICY}": list(played.seeds.values())}
     contestants |= {plain[name]: [run] for name, run in played.baselines.items()}

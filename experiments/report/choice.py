@@ -15,7 +15,7 @@ from experiments.report.matchups import PAPER, POLICY, Contestant
 from experiments.report.played import Played
 from impact_gym.task.scenario import NAMED
 
-SEED = 60_000_000  # added to the seed of the report's scenarios; tuning, evaluation, shipped trainings use other seeds
+SEED = 60_000_000  # first seed (for ranges: plus their seed); tuning, evaluation and shipped trainings use other seeds
 COUNT = 2000  # number of scenarios on which the choice is made, unless a table gives the scenarios
 
 

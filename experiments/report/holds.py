@@ -21,7 +21,7 @@ WORDS = {  # plain names of some arguments; `factor` names all arguments
     "robot": "compliant robot",
     "scenario": "objects outside the training ranges",
 }
-SHOWN = {"s": ("ms", 1e3), "m": ("mm", 1e3), "%": ("%", 100.0)}  # for each unit: the printed unit, and the factor
+SHOWN = {"s": ("ms", 1e3), "m": ("mm", 1e3), "%": ("%", 100.0)}  # for some units: the printed unit, and the factor
 Row = dict[str, Any]
 
 
@@ -30,7 +30,7 @@ class Failing(NamedTuple):
 
     controller: str  # plain name with article
     worst: str  # the worst change in one line, or the statement that there is none
-    details: str  # for each argument, the mildest change under which a rival wins; the most misses, if over 1 %
+    details: str  # for each argument, the mildest change under which a rival costs less; the most misses, if over 1 %
 
 
 def cells(matchup: Matchup, scenarios: Mapping[str, Any]) -> Iterator[Cell]:

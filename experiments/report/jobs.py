@@ -1,4 +1,4 @@
-"""The jobs of a report. Each job plays a controller in the scenarios of a `Matchup`; its arguments are JSON."""
+"""The jobs of a report. Each job plays one controller of a `Matchup`; its arguments are JSON."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -119,7 +119,7 @@ def of_setup(
 ) -> Matchup:
     """Return the matchup of a set-up, with policies and tuned baselines from `folder` (None: the set-up's folder).
 
-    `time_weight` (m/s per s) replaces the typical weight. ValueError: a policy or baseline is missing or does not fit.
+    `time_weight` (m/s per s) replaces the typical weight. ValueError: a file is missing, or an argument does not fit.
     """
     folder = setup.folder if folder is None else folder
     if time_weight is not None:  # for `baselines`, which reads the typical weight of `setup`
@@ -165,7 +165,7 @@ def _with_policies(matchup: Matchup, policies: Mapping[str, Policy], time_weight
 
 
 def clairvoyant(setup: Setup, scenarios: Mapping[str, Any], folder: Path = TUNED) -> Contestant | None:
-    """Return the clairvoyant search of a set-up; None: the search did not use these scenarios."""
+    """Return the clairvoyant search of a set-up; None: there is no search on these scenarios."""
     its_own = setup.bound == setup.name
     parameters_at = bound_of(setup, folder) if its_own else bound_of(load_setup(setup.bound))
     searched = min(map(len, parameters_at.values()), default=0)
@@ -198,7 +198,7 @@ def of_policies(
     """Return a matchup for each policy in `paths` (names or paths), with the paper's rule and the baselines `names`.
 
     If `names` is empty and a shipped set-up has a policy's environment, the set-up's baselines play. `changes` replace
-    arguments of the environment. ValueError: a policy does not fit the environment, or two policies have the same name.
+    arguments of the environment. ValueError: an argument is invalid, or two policies have the same name.
     """
     matchups: dict[str, Matchup] = {}
     for path in map(Path, paths):

@@ -38,7 +38,7 @@ class Run:
         return Episodes(**results, scenario={name: self[name] for name in FIELDS}, missed_cost=self.missed_cost)
 
     def loss(self, weight: float) -> Floats:
-        """Cost of each scenario: V_p + weight * approach time + cost of a miss (scenarios,), m/s."""
+        """Costs (scenarios,) in m/s: V_p + weight * approach time + cost of a miss."""
         return self.at(weight).loss(weight)
 
     def means(self, weight: float) -> dict[str, Any]:
@@ -63,7 +63,7 @@ class Played:
     baselines: dict[str, Run] = field(default_factory=dict)
     choosing: dict[str, Run] = field(default_factory=dict)  # results in the scenarios of `experiments.report.choice`
     bound: Run | None = None  # results of the clairvoyant search
-    varied: list[tuple[Mapping[str, Any], pl.DataFrame]] = field(default_factory=list)  # (labels, rows) of each cell
+    varied: list[tuple[Mapping[str, Any], pl.DataFrame]] = field(default_factory=list)  # (labels, rows) of each job
     travelled: dict[str, Run] = field(default_factory=dict)  # deflections, if the coupling is a spring
 
     @property

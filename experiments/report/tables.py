@@ -73,7 +73,7 @@ def by_weight(played: Played) -> Table:
 
 
 def measures(played: Played) -> Table:
-    """Return the table of times, velocities, forces and impulses of each contestant."""
+    """Return the table of times, velocities, forces and impulses of the main contestants."""
     matchup, weight, as_late = played.matchup, played.matchup.typical, played.as_late[played.matchup.chosen]
     runs = {PAPER: (PAPER, played.paper.at(weight))}
     if matchup.rival.name != PAPER:

@@ -20,7 +20,7 @@ from experiments.studies.solvers.approaches import Solution, named
 from experiments.studies.solvers.contenders import CAREFUL, JUDGES, OURS, PEER, power
 
 COMPARED = (1e-4, 1e-6, 1e-8, 1e-10)  # m/s, errors of V_p at which contenders are compared
-FINE = 1e-6  # m/s, an error in COMPARED; the answer has the times at this error
+FINE = 1e-6  # m/s, an error in COMPARED; the answer has the time ratios at this error
 RTOLS = tuple(float(f"1e-{k}") for k in range(3, 14))
 RIVALS = {CAREFUL: tuple(f"{CAREFUL} {method}" for method in contenders.METHODS), PEER: (PEER,)}
 LONGEST = 400.0  # s, time limit of a cell, including the time in which heyoka compiles

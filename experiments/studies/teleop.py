@@ -53,7 +53,7 @@ def contestants(setup: str) -> dict[tuple[str, int], dict[str, Any]]:
 
 
 def assisted(quick: bool, _: Frames) -> Iterator[Cell]:
-    """Yield a cell for each assistance with each coupling and operator at each delay."""
+    """Yield a cell for each controller (see `contestants`) with each coupling, operator and delay."""
     delays, operators = ([TYPICAL], [REACH, "steady"]) if quick else (DELAYS, OPERATORS)
     scenarios = {"set": "test", "count": 40 if quick else 500}
     for coupling, delay, operator in product(COUPLINGS, delays, operators):
@@ -112,7 +112,7 @@ tracker of the displayed object, a pointing hand, a steady speed."""
 
 
 def chart(found: Sequence[Row]) -> Figure:
-    """Return a figure of SHOWN against the delay: means over the operators, with intervals."""
+    """Return a figure of slide and `done_time` against the delay: means over the operators, with mean intervals."""
     figure = Figure(figsize=(9.0, 5.4))
     panels = figure.subplots(len(SHOWN), len(COUPLINGS), sharey="row", sharex=True)
     frame = pl.DataFrame(found, infer_schema_length=None)
@@ -145,7 +145,7 @@ def in_cm(row: Row) -> dict[str, Any]:
 
 
 def answer(held_out: Sequence[Row]) -> str:
-    """Return the slide with the operator alone, the brake and the policy, at the typical delay, in words."""
+    """Return in words the slides at the typical delay: with the operator alone, with the brake, with the policy."""
     frame = pl.DataFrame(held_out, infer_schema_length=None).filter(delay=TYPICAL)
     parts = []
     for coupling in frame["coupling"].unique(maintain_order=True):

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from impact_gym.render.film import History
 
 ROWS_PER_THREAD = 256
-"""Each of several threads gets at least this number of rows; with fewer rows, one thread is faster."""
+"""If several threads share the rows, each gets at least this number; with smaller shares, one thread is faster."""
 
 _STATE = (
     "draws", "laws", "chains", "episodes", "readings", "ranges", "links", "packets", "observations", "rewards",
@@ -59,7 +59,7 @@ class Batch:
 
         Args:
             size: number of rows.
-            task: one task for all rows, or one for each row; all tasks must have the same observation.
+            task: one task for all rows, or one for each row; all must observe the same numbers, scaled equally.
             threads: number of threads; None: one for each core.
             trace_points: largest number of points in the time histories of a row; 0: no time histories.
             max_steps: integration steps after which the solver gives up an episode.
@@ -192,7 +192,7 @@ class Batch:
         """Restore a state that `get_state` returned.
 
         Raises:
-            ValueError: the state was altered, or comes from a batch with another size or task; nothing was changed.
+            ValueError: the state was altered, or its batch has another size, task or trace length; nothing was changed.
         """
         for name in _STATE:
             own = getattr(self, name)
@@ -257,7 +257,7 @@ class Batch:
         return np.asarray((self.episodes["terminated"] == 1) | (self.episodes["truncated"] == 1))
 
     def episode_state(self, row: int) -> EpisodeState:
-        """Return the times (s) of detection, alarm and end of the episode in `row`, see `EpisodeState`."""
+        """Return the times (s) of detection, alarm, end of the alarm and end of the episode in `row`."""
         task, episode = self.tasks[row % len(self.tasks)], self.episodes[row]
         detection, alarm, over = float(self.chains["detection"][row]), float(episode["last_alarm"]), np.inf
         if task.alarm == "force":

@@ -23,7 +23,7 @@ def vector_rewards(batch: Batch) -> Rewards:
     """Return the rewards of the last control step (rows, n): -time (s), -V_p or -`missed_cost` (m/s), and -force (N).
 
     See `MOImpactApproachEnv`. The force is an objective if any task has a `force_weight` above 0, and is 0 in rows with
-    a `force_weight` of 0. The scalar reward is the sum of these numbers times time_weight, 1 and force_weight.
+    a `force_weight` of 0. The scalar reward is the sum of these numbers, weighted by time_weight, 1 and force_weight.
     """
     forced = np.resize([task.force_weight > 0.0 for task in batch.tasks], batch.size)
     totals = []

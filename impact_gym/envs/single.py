@@ -100,8 +100,8 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     SCENARIO_TABLE
 
     The eleven numbers also determine the time weight (log-uniform), the reaction delay (uniform), the error of the
-    distance estimate (normal), and the error of all force readings (normal). Arguments can fix these four numbers. The
-    last of the eleven numbers determines the seed of all other random numbers.
+    distance estimate (normal), and the error of all force readings (normal). Arguments can fix these four
+    numbers, and do so by default. The last of the eleven numbers determines the seed of all other random numbers.
 
     Each number in the next table may be a pair (low, high). Every episode then draws the number between low and high:
 

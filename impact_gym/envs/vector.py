@@ -27,7 +27,7 @@ Flags = NDArray[np.bool_]
 class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
     """`num_envs` environments (slots) like `ImpactApproachEnv`; a reset with seed s gives slot i the seed s + i.
 
-    Arguments in addition to those of `ImpactApproachEnv`:
+    The class takes the arguments of `ImpactApproachEnv`, except `record_trace`, and these:
 
     - `autoreset_mode`: with NEXT_STEP, the default, the step after the last step of an episode ignores the action,
       starts the next episode and has the reward 0. With SAME_STEP the last step itself starts the next episode; the
@@ -35,7 +35,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
       slots by `reset(options={"reset_mask": ...})`.
     - `render_mode`: None or, for at most 16 environments, "rgb_array".
     - `threads`: number of threads, which changes no result.
-    - `per_slot`: for each slot a mapping of arguments that differ in this slot. All slots need the same observation.
+    - `per_slot`: for each slot a mapping of arguments that differ in this slot. Slots must observe the same numbers.
     - `max_episode_steps`: number of control steps after which an episode is truncated.
 
     `set_scenario` and `sensors` are methods of `Batch`, and `command` is its method `set_operator_velocity`.

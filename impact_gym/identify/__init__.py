@@ -48,8 +48,8 @@ def identify(
             filter, no bias, and the noise is estimated.
 
     Raises:
-        TypeError, ValueError: an argument or a log is invalid; the fit lacks a blow of a log; a free number does not
-            affect any log.
+        TypeError, ValueError: an argument or a log is invalid; the fit does not reproduce a blow; a free number does
+            not affect any log.
     """
     one_of("scene", scene, Scene)
     sources = list(log) if isinstance(log, (list, tuple)) else [log]

@@ -64,7 +64,7 @@ With --out setup.toml, the measured and predicted values are also written to set
 """
 
 PLACES = {row.path: f"scenario.{row.id}" for row in SCENARIO} | {row.path: row.id for row in SET_UP if row.path}
-"""For each dotted path in a scene, the path in `[environment]`; in coupling and robot the two paths are equal."""
+"""For each dotted path in a scene, except the equal paths in coupling and robot, the path in `[environment]`."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

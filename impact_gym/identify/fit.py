@@ -18,7 +18,7 @@ from impact_gym.identify.sensor import Array, bursts, level
 STARTS = 8  # largest number of points of `scatter` from which a search starts
 NOISE_ROUNDS = 3  # largest number of rounds of `Fit.polished`; each round fits, and then estimates the noise
 CONFIDENCE = 0.95
-END_TOLERANCE = 0.02  # at an end of an interval, sqrt(misfit - least misfit) / quantile is 1 within this tolerance
+END_TOLERANCE = 0.02  # `profile` stops if sqrt(misfit - least misfit) / quantile differs from 1 by less than this
 MAX_STEP = 1.5  # largest first step of `profile` in a coordinate (see `model`); wider intervals cause another search
 MAX_STEPS = 10  # largest number of steps of `profile`
 BEYOND = (1.6, 2.5)  # `_end` also tries values beyond an end: best value + these multiples of (end - best value)
@@ -56,7 +56,7 @@ class Fit:
         for _ in range(NOISE_ROUNDS):
             points = distinct(model, [descend(model, point.x) for point in points])
             changed = _estimate_noise(model, points[0].x)
-            if not changed or len(model.noise) == 1:  # a single noise does not change the best x
+            if not changed or len(model.noise) == 1:  # the noise of a single column does not change the best x
                 break
         best, *others = (Point(float(np.sum(model.residuals(point.x) ** 2)), point.x) for point in points)
         jacobian, loosely = model.jacobian(best.x), np.eye(len(model.free), model.size) / MAX_STEP

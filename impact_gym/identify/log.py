@@ -151,7 +151,7 @@ def _refuse_other_force(log: Log, scene: Scene, motion: Trapezoid, sensor: Senso
 
 
 def _refuse_clipped(log: Log, name: str) -> None:
-    """Raise ValueError if a column is saturated: it jumps to its extreme, stays there, and jumps back. 0 is allowed."""
+    """Raise ValueError if a column is saturated: it jumps to an extreme other than 0, stays there, and jumps back."""
     values = log.columns[name]
     resolution = np.diff(np.unique(values))
     for end, side in ((values.max(), 1.0), (values.min(), -1.0)):

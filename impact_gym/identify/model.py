@@ -61,7 +61,7 @@ class Coordinate:
         return 1.0 / (1.0 + math.exp(-u)) if self.name == RESTITUTION else self.sign * math.exp(u)
 
     def end(self, u: float | None, side: int) -> float:
-        """Return the number at `u`, an end of its interval; for None, 0 (`side` -1), or 1 or +-infinity (`side` 1)."""
+        """Return the number at the end `u` of its interval; None: 0 (`side` -1), else +-infinity or restitution 1."""
         if u is not None:
             return self.number(u)
         return float(side > 0) if self.name == RESTITUTION else self.sign * (math.inf if side > 0 else 0.0)
@@ -162,7 +162,7 @@ class Model:
         return arrival + float(log.time[-1] - log.time[0])
 
     def sensed(self, scene: Scene, trace: Trace, name: str, at: Array) -> tuple[Array, Array]:
-        """Return a column's readings (n,), without bias, and slopes; times `at` (n,) are in s from motion start."""
+        """Return a column's readings without bias, and their rates, at the times `at` (n,), in s from motion start."""
         sensor = self.sensors[name]
         if name == "tool_acceleration":
             values = tool_acceleration(scene, trace)

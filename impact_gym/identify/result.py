@@ -17,9 +17,9 @@ from impact_gym.quantities import BY_PATH
 from impact_gym.scene import Scene
 from impact_gym.simulation import simulate
 
-WIDE_RATIO = 2.0  # an interval is wide if the ratio of its larger end to its smaller end exceeds this
+WIDE_RATIO = 2.0  # an interval is wide if its larger end exceeds this times its smaller end (absolute values)
 WIDE_RESTITUTION = 0.3  # the restitution's interval is wide if its length exceeds this
-MIN_CORRELATION = 0.95  # two numbers are not separated if |correlation| exceeds this and one's interval is wide
+MIN_CORRELATION = 0.95  # two numbers are not separated if |correlation| exceeds this and an interval of the two is wide
 
 FALSE_ALARM = 1e-4  # probability that one test of the residuals rejects a correct model
 LAGS = 10  # largest lag, in samples, at which the residuals' autocorrelation is tested
@@ -30,7 +30,7 @@ Interval = tuple[float, float]
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """The result of `identify`: estimates of the free numbers in SI units, intervals, and misfits."""
+    """The result of `identify`: estimates of the free numbers in SI units, intervals, and sentences on the fit."""
 
     estimate: Mapping[str, float]  # keys are dotted names, such as "object.mass"
     # 95 % confidence if `warnings` is empty; an end of 0 or +-inf, or of 1 for the restitution, means no limit
@@ -110,10 +110,10 @@ class Identified:
 def misfits(fit: Fit) -> Iterator[str]:
     """Yield a sentence for each test that the residuals fail.
 
-    Tested: 1. If the bias is known, the mean before the touch is 0 (normal distribution). 2. The variance is not larger
-    after the touch than before (Fisher's F). 3. The variance does not exceed a known variance (chi-squared). 4. The
-    residuals are white noise (Ljung and Box, Biometrika 65, 1978). `tool_velocity` has only tests 3 and 4. Not tested:
-    `flange_velocity`, and columns whose noise is below the sensor's resolution.
+    Tested: 1. If the bias is known, the mean before the touch is 0 (normal distribution). 2. The mean square after the
+    touch does not exceed the variance before (Fisher's F). 3. The mean square does not exceed a known variance of the
+    noise (chi-squared). 4. The residuals are white noise (Ljung and Box, Biometrika 65, 1978). `tool_velocity` has only
+    tests 3 and 4. Not tested: `flange_velocity`, and columns whose noise is below the sensor's resolution.
     """
     model = fit.model
     scene, left = model.scene_at(fit.x), -fit.model.residuals(fit.x)
@@ -170,7 +170,7 @@ def _words(scene: Scene, interval: Mapping[str, Interval], correlation: Array) -
 
 def _sentence(scene: Scene, name: str, low: float, high: float) -> str:
     most = 1.0 if name == RESTITUTION else np.inf
-    open_below, open_above = low in (-most, 0.0), high in (0.0, most)  # a negative number lies between -inf and 0
+    open_below, open_above = low in (-most, 0.0), high in (0.0, most)  # the limits of a negative number are -inf and 0
     if open_below and open_above:
         return f"the log does not determine {name} at all: any value fits equally well"
     if open_above or open_below:

@@ -105,7 +105,7 @@ def from_impulse(model: Model, given: Array) -> list[Array]:
 
 
 def start_at(model: Model, point: Array, share: float) -> Point:
-    """Return `point` with the best start times and biases; the tried start times are shifted by `share` of a step."""
+    """Return `point` with the best start times and biases; `share` (of a log step) shifts the tried start times."""
     x = np.zeros(model.size)
     x[: len(point)] = point
     total = 0.0

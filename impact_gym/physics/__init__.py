@@ -1,1 +1,1 @@
-"""The physical laws of contact, coupling and robot, as functions that do not depend on the solver."""
+"""The physical laws of contact, coupling and robot."""

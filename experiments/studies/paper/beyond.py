@@ -88,7 +88,7 @@ def _notice_delays(approach: ig.Scene) -> tuple[float, float]:
 
 
 def beyond_detection() -> list[Row]:
-    """Brake at the times FROM_TOUCH that follow detection by the tool, and 16 ms after detection by tool or robot."""
+    """Brake at all FROM_TOUCH that are not before detection by the tool, and 16 ms after detection by tool or robot."""
     rows: list[Row] = []
     for name, coupling in COUPLINGS.items():
         approach = scene(1e3, 0.1, coupling)
@@ -116,7 +116,7 @@ def _numbers_beyond_detection(frame: pl.DataFrame) -> Numbers:
 
 
 def beyond_objects() -> pl.DataFrame:
-    """Simulate the fixed tool, the mechanism, and those mechanisms changed by CHANGES that still hold the tool."""
+    """Simulate the fixed tool, the mechanism, and each mechanism changed by CHANGES that still holds the tool."""
     height, stop = MECHANISM.height, MECHANISM.front_stop
     candidates = [replace(MECHANISM, height=h * height, front_stop=s * stop) for h, s in product(CHANGES, CHANGES)]
     holding = [coupling for coupling in candidates if coupling.holding_force >= scenes.HOLD]

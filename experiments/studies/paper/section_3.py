@@ -96,7 +96,7 @@ def figure_14() -> pl.DataFrame:
 
 
 def _ranges(run: Run) -> tuple[float, float]:
-    """Return the ranges of tool minus commanded velocity (m/s) in the 50 ms before and after the first contact."""
+    """Return max - min of tool minus commanded velocity (m/s) for the 50 ms before and after the first contact."""
     relative, time = run.trace.tool_velocity - run.trace.command_velocity, run.trace.time
     start, end = run.first_contact.time[[0, -1]]
     before, after = (time > start - 0.05) & (time < start), (time > end) & (time < end + 0.05)

@@ -18,7 +18,7 @@ from experiments.studies.paper.runs import Array, Numbers, Run, changes, enclose
 CONTACT_STIFFNESSES = (1e3, 1e4, 1e5)  # N/m^1.5
 COUPLING_STIFFNESSES = np.linspace(5.0, 200.0, 196)  # N/m
 SETTLED_STIFFNESSES = COUPLING_STIFFNESSES[::5]  # N/m
-SETTLED = 4.0  # m, distance at which the tool's oscillation after the acceleration has decayed at every k_t
+SETTLED = 4.0  # m, distance at which the tool's transient after the acceleration has decayed at every k_t
 CRITICAL, DAMPED = {"damping_ratio": 1.0}, {"coupling_stiffness": 150.0}  # what is constant along a curve (-, N/m)
 RESTITUTION = 0.1  # restitution of Fig. 18 to 20
 SPRING = ig.SpringDamper(150.0)  # of Fig. 17, 19 and 20
@@ -132,7 +132,7 @@ def _numbers_figure_17(frame: pl.DataFrame) -> Numbers:
     return {
         "a": a, "b": b, "peaks": [len(find_peaks(run.trace.contact_force, 0.1 * run.peak_force)[0]) for run in both],
         "lag": -stretch.min(), "ahead_most": stretch.max(),
-        "faster_share": 100 * np.mean(ahead > 0.0),  # %, a share of time, because the points of a flight are 1 ms apart
+        "faster_share": 100 * np.mean(ahead > 0.0),  # %, share of points, and so of time: points are 1 ms apart
         "faster_most": ahead.max(), "faster_last": ahead[-1],
         "compressions": [values.max() for values in compressions], "reached": reached,
         "restitution_error": max(abs(run.restitution - 1.0) for run in both),

@@ -1,4 +1,4 @@
-"""Section 5, the bistable mechanism: Fig. 22 to 25. Restitution 0.1, contact stiffness 1e3 N/m^1.5."""
+"""Section 5, the bistable mechanism: Fig. 22 to 25. The restitution is 0.1, the contact stiffness 1e3 N/m^1.5."""
 
 import math
 

@@ -85,7 +85,7 @@ def number(name: str, numbers: Numbers) -> Any:
 
 
 def holding(conditions: Iterable[str], numbers: Numbers) -> Verdict:
-    """Return AGREES if all conditions hold, such as "ratio >= 1.8" (arrays: at every index), else DISAGREES."""
+    """Return AGREES if all conditions such as "ratio >= 1.8" hold (of an array: all elements), else DISAGREES."""
     outcomes = []
     for name, sign, bound in map(str.split, conditions):
         limit = float(bound) if re.match(r"-?\d|inf$", bound) else number(bound, numbers)

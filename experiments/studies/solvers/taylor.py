@@ -1,4 +1,4 @@
-"""Approaches by heyoka: Taylor series, compiled by LLVM (Biscani, Izzo 2021). No code is shared with our solver.
+"""Approaches solved by heyoka: Taylor series, compiled by LLVM (Biscani, Izzo 2021). No code is shared with our solver.
 
 The units in a contact are the length delta0 = (M v_in^2/k_c)^0.4, the velocity v_in and the time t0 = delta0/v_in. M is
 the reduced mass, v_in the approach velocity, k_c the contact stiffness. As in our solver, the state has the square root
@@ -20,8 +20,8 @@ LAW = ("m_t", "m_p", "k_c", "d", "k_t", "c_t", "L0", "H", "x0", "front", "rear",
 PARAMETERS = (*LAW, "a", "cut", "alarm", "length", "speed", "pressed", "front_on", "rear_on")
 STATE = ("s", "w", "v", "tau", "y", "q")
 FOREVER = 1e6  # limit of sigma in a contact; every contact ends before this limit
-BESIDE = 1e-20  # absolute value of `s` where flight or contact begins, because heyoka could miss an event at exactly 0
-ROUNDING = 1e-12  # m, rounding of the slider's position
+BESIDE = 1e-20  # absolute value of `s` after touch or separation, because heyoka could miss an event at exactly 0
+ROUNDING = 1e-12  # m, allowed rounding error of the slider's position
 
 
 def law_of(scene: ig.Scene) -> dict[str, float]:
@@ -40,7 +40,7 @@ def law_of(scene: ig.Scene) -> dict[str, float]:
 
 @cache
 def integrator(kind: str, touching: bool, tolerance: float, number: Any) -> tuple[Any, dict[int, str]]:
-    """Compile flight or contact for the coupling class `kind`; return heyoka's integrator and the names of its events.
+    """Compile the equations for the coupling class `kind`; return heyoka's integrator and the names of its events.
 
     s is the square root of the penetration (in flight the penetration), w the rate of the penetration, v the object's
     velocity, tau the time since flight or contact began, y the tool's deflection from the flange and q the rate of y.

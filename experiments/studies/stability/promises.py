@@ -56,7 +56,7 @@ ENDED, FINITE, FAST, BALANCED, PASSIVE, PUSHED, SETTLED = PROMISES
 
 
 def failures(rows: pl.DataFrame) -> pl.DataFrame:
-    """Return a row for each promise that a row of the storm breaks."""
+    """Return a row for each scene of the storm and each promise that it breaks."""
     return pl.concat([promise.broken(rows) for promise in PROMISES]).sort("scene")
 
 

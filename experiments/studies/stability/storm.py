@@ -1,13 +1,13 @@
-"""Simulation of each random scene of the storm, and physical checks of the result.
+"""Simulate random scenes, called the storm, and check each result by laws of physics.
 
 Energy. M is the reduced mass of tool and object, delta the penetration, v_in and v_out are the velocities of approach
-and separation. The forces on the tool, except the contact force, give it the acceleration a. The contact force is
-F = M (a - delta''). So the contact takes from the bodies the energy
+and separation. All forces but the contact force give the tool the acceleration a, relative to the object. The contact
+force is F = M (a - delta''). So the contact takes from the bodies the energy
 
     integral of F d(delta) = (M v_in^2 - M v_out^2) / 2 + M integral of a d(delta)
 
-This energy must not be negative. The first term is computed from a `ContactRecord`, the second as a sum over the points
-of a `Trace`. The doubt of the sum is the change if every second point is left out, plus the rounding error.
+This energy must not be negative. The first term uses the velocities in a `ContactRecord`; the second is a sum over the
+points of a `Trace`. The doubt of the sum is the change if every second point is left out, plus the rounding error.
 
 Momentum. Friction decelerates the object by at most mu g (mu: coefficient of friction), so the contact's impulse may
 exceed the object's gain in momentum by at most the impulse of friction.
@@ -36,14 +36,14 @@ FINER = 1e-10  # `rtol` of a second run, made for each scene that has a trace
 STIFF = 20.0  # damping factor d above which the independent solver tries Radau first
 TRUE_RTOL = {"DOP853": 1e-11, "Radau": 1e-10}
 CHECKS = ("momentum_error", "impulse_error", "energy_created", "energy_doubt", "pull")
-"""Columns with the checks of a run. Each is a ratio, of the worst contact; 0: there was no contact.
+"""Columns with the checks of a run: ratios for the worst contact, or 0 if there was no contact.
 
-`momentum_error`: residual of the paper's eq. 20, divided by the impulse. `impulse_error`: impulse minus the object's
-gain in momentum, without the part that friction explains, divided by the impulse. `energy_created`: energy that the
+`momentum_error`: residual of the paper's eq. 20, divided by the impulse. `impulse_error`: difference of impulse and the
+object's gain in momentum, beyond what friction explains, divided by the impulse. `energy_created`: energy that the
 contact created (below 0: lost), divided by the energy exchanged; nan without a trace. `energy_doubt`: doubt of
 `energy_created`; nan without a trace. `pull`: the largest of three ratios: a contact force below 0, divided by the peak
 force; a decrease of the object's velocity that friction does not explain, divided by v; a negative impulse, divided by
-the object's mass times v. Here v is the object's velocity before the contact plus the approach velocity.
+the object's mass times v. Here v is the object's velocity after the previous contact plus the approach velocity.
 """
 
 Array = NDArray[np.float64]
@@ -55,13 +55,13 @@ def run(approach: Approach, rtol: float = 1e-8) -> tuple[ig.Outcome | None, str,
     begun, outcome, problem = thread_time(), None, ""
     try:
         outcome = ig.simulate(*approach.run, rtol)
-    except Exception as error:  # reported as a broken promise
+    except Exception as error:  # becomes `failure` in the row of the scene
         problem = f"{type(error).__name__}: {error}".replace("\n", " ")
     return outcome, problem, 1e3 * (thread_time() - begun)
 
 
 def row_of(approach: Approach, simulate: Callable[..., ig.Outcome] = ig.simulate) -> Row:
-    """Return the row of a scene; `simulate` computes the trace."""
+    """Return the results of a scene as a row; the run with a trace uses `simulate`."""
     outcome, problem, milliseconds = run(approach)
     if milliseconds >= AGAIN_OVER:
         milliseconds = min(milliseconds, run(approach)[2])
@@ -80,12 +80,12 @@ def row_of(approach: Approach, simulate: Callable[..., ig.Outcome] = ig.simulate
 
 
 def storm_row(number: int) -> list[Row]:
-    """Return the row of scene `number`."""
+    """Return the row of scene `number`, in a list."""
     return [row_of(storm(number))]
 
 
 def truth_row(number: int, patience: float) -> list[Row]:
-    """Solve scene `number` by the independent solver. It may take `patience` (s) with each of its two methods."""
+    """Solve scene `number` by the independent solver; if one method fails or exceeds `patience` (s), try the other."""
     approach = storm(number)
     law = approach.scene.contact
     d = damping_factor(law.dissipation, law.restitution, law.stiffness_exponent, law.damping_exponent)
@@ -104,7 +104,7 @@ def truth_row(number: int, patience: float) -> list[Row]:
 
 def finite(outcome: ig.Outcome) -> bool:
     """Return whether all numbers of an outcome, except `rest_time`, are finite."""
-    outcome = outcome._replace(rest_time=None)  # `rest_time` is inf if a body moves at the end
+    outcome = outcome._replace(rest_time=None)  # `rest_time` is inf if the tool moves at the end
     records = [record for record in (outcome, *outcome.contacts, outcome.trace) if record is not None]
     values = [value for record in records for value in record]
     return all(bool(np.all(np.isfinite(value))) for value in values if isinstance(value, float | np.ndarray))

@@ -1,6 +1,6 @@
 """Measure the cost of policies from stable-baselines3 and sb3-contrib over the processor time of their training.
 
-Each algorithm trains ten policies in `ImpactApproach-v0`, and two in each of three other environments, with
+Each algorithm trains ten policies in `ImpactApproach-v0`, and two in each of three other environments. A training uses
 `ImpactVecEnv`, one thread of torch, and this folder's settings for rl_zoo3. At each time in MARKS and at the end, the
 policy plays objects that no training used.
 """
@@ -39,7 +39,7 @@ FIRST_SEED, SCENARIOS, WEIGHT = 41_000_000, 500, 2.0  # test scenarios: first se
 
 
 def trainings(algorithm: str, quick: bool, _: Frames) -> Iterable[Cell]:
-    """Yield a cell for each seed, with the algorithm's settings."""
+    """Yield a cell for each set-up and seed, with the algorithm's settings."""
     import yaml  # type: ignore[import-untyped]  # here, because only this study needs the package
 
     settings = yaml.safe_load(Path(__file__).with_name(f"{algorithm}.yml").read_text())["default"]
@@ -104,7 +104,7 @@ def other_costs(setup: str) -> list[Row]:
 
 
 def chart(found: pl.DataFrame, costs: Mapping[str, float]) -> Figure:
-    """Return a figure of cost over time, median and range of the seeds. Horizontal lines are other controllers."""
+    """Return a figure of median and range of the cost over time. Horizontal lines are other controllers."""
     figure = Figure(figsize=(8.0, 4.6))
     axes = figure.subplots()
     for algorithm, colour in zip(ALGORITHMS, (SERIES[1], *SERIES[3:], OTHERS), strict=True):
