@@ -11,7 +11,7 @@ import tyro
 
 from agents.baselines import Clairvoyant, PaperTrapezoid, tuned
 from agents.baselines.cmaes import Jittery, minimise
-from agents.baselines.rule import Floats, Rule
+from agents.baselines.rule import Floats, Rule, ranges_for
 from agents.command_line import command_of, run_command
 from agents.evaluate.scenario_batch import TUNING_SEED, ScenarioBatch
 from agents.jobs import cached
@@ -195,17 +195,17 @@ def tune_one(
 ) -> dict[str, Any]:  # fmt: skip
     """Return the best parameters (k,) of a rule at one time weight, with scores and the number of generations."""
     task = Task(**{**environment, **(CLEAN_ALARM if clean_alarm else {})})
-    kind, rng = tuned.RULES[rule], np.random.default_rng((seed, 1))
+    kind, rng, ranges = tuned.RULES[rule], np.random.default_rng((seed, 1)), ranges_for(task)
     options: Any = {"copies": population, "time_weight": [weight] * population, "threads": 1, "lenient": True}
     batch = ScenarioBatch(TUNING_SEED, scenarios, task.changed({"rtol": rtol}), **options)
 
     def losses(candidates: Floats) -> Floats:
-        controller = kind.of(np.repeat(candidates[:, 0], scenarios, axis=0)).for_task(task)
+        controller = kind.of(np.repeat(candidates[:, 0], scenarios, axis=0), ranges).for_task(task)
         played = batch.play(Jittery(controller, jitter, scenarios, rng) if jitter else controller)
         return played.loss(weight).reshape(population, scenarios).mean(axis=1)[:, None]
 
-    best = minimise(losses, kind.PARAMETERS, 1, population, -(-budget // population), seed)
-    validation = scores(kind.of(best.parameters[0]).for_task(task), weight)
+    best = minimise(losses, kind.limited(ranges), 1, population, -(-budget // population), seed)
+    validation = scores(kind.of(best.parameters[0], ranges).for_task(task), weight)
     parameters, train = best.parameters[0].tolist(), float(best.loss[0])
     return {"parameters": parameters, "train": train, "validation": validation, "generations": best.generations}
 
@@ -248,14 +248,14 @@ def search_bounds(
 def search_bound(environment: Mapping[str, Any], time_weight: float, scenarios: int, generations: int) -> Floats:
     """Return the best parameters (scenarios, k) of `Clairvoyant` in each scenario at a time weight (m/s per s)."""
     task, population = Task(**{"rtol": BOUND_RTOL, **environment, "privileged": True}), BOUND_POPULATION
-    weights = [time_weight] * population
+    weights, ranges = [time_weight] * population, ranges_for(task)
     batch = ScenarioBatch.of(tuned.BOUND_SET, scenarios, task, copies=population, time_weight=weights, threads=1)
 
     def losses(candidates: Floats) -> Floats:
-        rule = Clairvoyant(candidates.reshape(population * scenarios, -1)).for_task(task)
+        rule = Clairvoyant.of(candidates.reshape(population * scenarios, -1), ranges).for_task(task)
         return batch.play(rule).loss(time_weight).reshape(population, scenarios)
 
-    best = minimise(losses, Clairvoyant.PARAMETERS, scenarios, population, generations, BOUND_SEED)
+    best = minimise(losses, Clairvoyant.limited(ranges), scenarios, population, generations, BOUND_SEED)
     return np.ascontiguousarray(best.parameters)
 
 

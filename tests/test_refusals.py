@@ -225,6 +225,7 @@ THINGS = {
     "joint angles without the last place": APPROACH.joint_angles[:-1], "an approach": APPROACH,
     "joint angles without the last joint": APPROACH.joint_angles[:, :-1], "one approach": (APPROACH,),
     "two approaches": (APPROACH, APPROACH), "a servo": all_joints.Servo(), "the paper's rule": PaperTrapezoid(),
+    "a set-up": load_setup("rigid-blind"),
     "that of another arm": lambda _: arm(arms.slides, joint_stiffness=1e5).along((0.0, 0.0), (1.0, 0.5, 0.0), 0.2),
     "the same from elsewhere": lambda line: replace(line, start=line.start + 0.01),
 }  # fmt: skip

@@ -47,7 +47,9 @@ class PaperTrapezoid(ConstantSpeed):
 
 
 class LocalBrake(ConstantSpeed):
-    """Follow the operator's command; while the alarm is on, brake to rest at 20 m/s^2 or, if lower, the arm's limit."""
+    """Follow the operator's command; while the alarm is on, brake to rest at the arm's largest deceleration."""
+
+    AT_LIMITS = True
 
     def __init__(self) -> None:
         super().__init__(VELOCITY_RANGE[1], ACCELERATION_RANGE[1])
@@ -56,6 +58,7 @@ class LocalBrake(ConstantSpeed):
 class OperatorAlone(Rule):
     """Follow the operator's command with a gain of 1."""
 
+    AT_LIMITS = True
     NEEDS: ClassVar[Mapping[str, Any]] = {
         "operator": {"type": "Trapezoid"}, "velocity_range": (-0.3, 0.5), "horizon": 8.0, "friction": 0.3,
     }  # fmt: skip

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agents.baselines.rule import Floats, Parameter, Rule, View, interpolate
+from agents.baselines.rule import Floats, Parameter, Rule, View, interpolate, ranges_for
 from impact_gym.quantities import AFTER_ALARM
 from impact_gym.task.task import ACCELERATION_RANGE, VELOCITY_RANGE
 
@@ -39,13 +39,14 @@ class ReactingRule(Rule):
 
     def approach(self, view: View) -> tuple[ArrayLike, ArrayLike]:
         """Return the profile's velocity (m/s) at the end of the control period, and the acceleration (m/s^2)."""
-        most = self[ACCELERATION.name] if ACCELERATION in self.PARAMETERS else ACCELERATION_RANGE[1]
+        least, fastest = ranges_for(self.task)["m/s^2"]
+        most = self[ACCELERATION.name] if ACCELERATION in self.PARAMETERS else fastest
         speed, velocity, period = self.profile(view), view["velocity"], self.task.control_period
         position = view[self.OVER] if self.OVER == "position" else -view[self.OVER]
         reach = np.asarray(most) * period
         ahead = np.clip(speed(position + velocity * period), velocity - reach, velocity + reach)
         target = speed(position + 0.5 * (velocity + ahead) * period)
-        return target, np.clip(np.abs(target - velocity) / period, ACCELERATION_RANGE[0], most)
+        return target, np.clip(np.abs(target - velocity) / period, least, most)
 
     def profile(self, view: View) -> Callable[[Floats], Floats]:
         """Return the profile for `view`: a function from position (m) to speed (m/s)."""
@@ -150,7 +151,8 @@ class StretchedProfile(RangedProfile):
         """Return the profile with positions * s**stretch and speeds / s**slowing, where s = spread / USUAL_SPREAD."""
         spread = np.maximum(view[self.SPREAD], LEAST_SPREAD) / USUAL_SPREAD
         stretch, slowing = spread ** self["stretch"], spread ** self["slowing"]
-        return lambda place: np.clip(self.speed(place / stretch) / slowing, 0.01, VELOCITY_RANGE[1])
+        fastest = ranges_for(self.task)["m/s"][1]
+        return lambda place: np.clip(self.speed(place / stretch) / slowing, 0.01, fastest)
 
 
 class Clairvoyant(ReactingRule):
@@ -171,4 +173,4 @@ class Clairvoyant(ReactingRule):
         far = np.maximum(-position - GAPS[-1], 0.0)
         near = interpolate(GAPS, corners, -position)
         braking = np.sqrt(np.maximum(corners[..., -1], 0.0) ** 2 + 2.0 * self["deceleration"] * far)
-        return np.where(far > 0.0, np.minimum(braking, VELOCITY_RANGE[1]), near)
+        return np.where(far > 0.0, np.minimum(braking, ranges_for(self.task)["m/s"][1]), near)

@@ -1,6 +1,7 @@
 """The base class of most baselines, `Rule`. A rule computes commands from observations and a few parameters."""
 
 import copy
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple, Self
 
@@ -8,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from impact_gym.task import ActionSpec, ObservationSpec, ScenarioRanges, Task
-from impact_gym.validation import WrongTypeError, number
+from impact_gym.task.task import ACCELERATION_RANGE, VELOCITY_RANGE
+from impact_gym.validation import Range, WrongTypeError, number
 
 Floats = NDArray[np.float64]
 
@@ -17,6 +19,9 @@ DISTANCES = ScenarioRanges().distance
 LEAST_STRETCH = 0.01  # m; `Rule.placed` treats a smaller near end or width of a range of distances as this value
 SLOWEST = 1e-9  # m/s; a rule divides by the operator's speed, or by this number if the speed is smaller
 CLOCK = 1e-6  # s, tolerance in comparisons of observed times
+USUAL: Mapping[str, Range] = {"m/s": VELOCITY_RANGE, "m/s^2": ACCELERATION_RANGE}
+"""Default ranges of velocity and acceleration, by unit."""
+ANY: Mapping[str, Range] = {"m/s": (-math.inf, math.inf), "m/s^2": (0.0, math.inf)}
 
 
 class Parameter(NamedTuple):
@@ -27,6 +32,12 @@ class Parameter(NamedTuple):
     low: float
     high: float
     start: float  # value at which the search of `impact-gym tune` begins
+
+
+def ranges_for(task: Task) -> dict[str, Range]:
+    """Return the ranges of velocity and acceleration for a task's rules, by unit: USUAL, or wider for a faster arm."""
+    both = zip(USUAL.items(), (task.velocity_range, task.acceleration_range), strict=True)
+    return {unit: (min(low, least), max(high, most)) for (unit, (low, high)), (least, most) in both}
 
 
 class View:
@@ -55,17 +66,19 @@ class Rule:
     """Arguments of an environment that has all observations the rule needs."""
     KNOWS: ClassVar[tuple[str, ...]] = ()
     """Names of arguments whose values a tuned rule keeps from its tuning, see `agents.evaluate.play.controller_of`."""
+    AT_LIMITS: ClassVar[bool] = False
+    """Whether `for_task` sets all parameters to their upper limits for the task's arm."""
     weights: Sequence[float] = ()
     """Time weights (m/s per s), ascending, for which the rows of `parameters` (weights, k) were tuned; see `at`."""
 
-    def __init__(self, parameters: ArrayLike) -> None:
-        """Make a controller from `parameters` (k,) or (rows, k); TypeError, ValueError: invalid parameters."""
+    def __init__(self, parameters: ArrayLike, ranges: Mapping[str, Range] = USUAL) -> None:
+        """Make a controller from `parameters` (k,) or (rows, k); TypeError, ValueError: invalid ones, see `limited`."""
         kind: Any = type(self)
         self.parameters = np.array(parameters, np.float64)
         if self.parameters.ndim not in (1, 2) or self.parameters.shape[-1] != len(self.names()):
             takes = f"{kind.__name__} needs an array (k,) or (rows, k), k = {len(self.names())}, for {self.names()}"
             raise WrongTypeError(f"{takes}, got an array of shape {self.parameters.shape}")
-        for parameter, values in zip(self.PARAMETERS, np.moveaxis(self.parameters, -1, 0), strict=True):
+        for parameter, values in zip(self.limited(ranges), np.moveaxis(self.parameters, -1, 0), strict=True):
             for value in (values.min(), values.max()):
                 number(parameter.name, value, parameter.unit, at_least=parameter.low, at_most=parameter.high)
         self.task = Task(**kind.NEEDS)
@@ -77,11 +90,18 @@ class Rule:
         return [parameter.name for parameter in cls.PARAMETERS]
 
     @classmethod
-    def of(cls, parameters: ArrayLike) -> Self:
-        """Make a rule from `parameters`, even if the constructor of the class takes other arguments."""
+    def of(cls, parameters: ArrayLike, ranges: Mapping[str, Range] = USUAL) -> Self:
+        """Make a rule from `parameters`, even if the constructor of the class takes other arguments; see `limited`."""
         rule = cls.__new__(cls)
-        Rule.__init__(rule, parameters)
+        Rule.__init__(rule, parameters, ranges)
         return rule
+
+    @classmethod
+    def limited(cls, ranges: Mapping[str, Range]) -> tuple[Parameter, ...]:
+        """Return PARAMETERS; the ends of `ranges` replace the limits that are ends of the ranges USUAL."""
+        moved = {(unit, end): new for unit in USUAL for end, new in zip(USUAL[unit], ranges[unit], strict=True)}
+        limits = [[moved.get((each.unit, end), end) for end in (each.low, each.high)] for each in cls.PARAMETERS]
+        return tuple(each._replace(low=ends[0], high=ends[1]) for each, ends in zip(cls.PARAMETERS, limits, strict=True))
 
     def at(self, time_weight: ArrayLike) -> Self:
         """Return the rule for a time weight (m/s per s), or for the time weight of each row of a batch.
@@ -102,6 +122,8 @@ class Rule:
         twin = copy.copy(self)
         twin.task = task.changed({"privileged": True}) if "privileged" in self.NEEDS else task
         twin.spec = ObservationSpec(twin.task)
+        if self.AT_LIMITS:
+            twin.parameters = np.array([each.high for each in self.limited(ranges_for(task))])
         if missing := [name for name in ObservationSpec(Task(**kind.NEEDS)).ids if name not in twin.spec.ids]:
             arguments = ", ".join(f"{name} = {value}" for name, value in self.NEEDS.items())
             what = f"{kind.__name__} needs {', '.join(missing)}"

@@ -14,7 +14,7 @@ from typing import Any
 from agents import setups
 from agents.archive import archive_of, read_archive
 from agents.baselines.profile import Clairvoyant
-from agents.baselines.rule import Floats, Rule
+from agents.baselines.rule import Floats, Rule, ranges_for
 from agents.policies import Controller
 from agents.setups import TUNED, Setup, owner, shipped_baselines
 from impact_gym.files import parsed, write_file
@@ -29,8 +29,8 @@ RULES: dict[str, type[Rule]] = {name: resolve_name(f"agents.baselines:{name}") f
 FIXED: dict[str, Any] = {name: resolve_name(f"agents.baselines:{kind}") for name, kind in setups.FIXED.items()}
 
 
-def load_baseline(name: str, time_weight: float = 2.0, folder: Path | None = None) -> Controller:
-    """Return a baseline for `time_weight` (m/s per s). Tuned parameters are interpolated, see `Rule.at`.
+def load_baseline(name: str | Path, time_weight: float = 2.0, folder: Path | str | None = None) -> Controller:
+    """Return a baseline, by its name (in `folder`) or its file, for `time_weight` (m/s per s), see `Rule.at`.
 
     Raises:
         ValueError: there is no such baseline; the time weight is not above 0; the file is missing or altered, or does
@@ -39,7 +39,9 @@ def load_baseline(name: str, time_weight: float = 2.0, folder: Path | None = Non
     number("time_weight", time_weight, "m/s per s", above=0)
     if name in FIXED:
         return FIXED[name]()
-    return tuned_rule(read_tuned(name, folder)).at(time_weight)
+    path, place = Path(folder or "", name), Path(folder) if folder else None
+    name, place = (path.stem, path.parent) if path.suffix == ".json" else (str(name), place)
+    return tuned_rule(read_tuned(name, place)).at(time_weight)
 
 
 def tuned_rule(content: Mapping[str, Any]) -> Rule:
@@ -50,7 +52,8 @@ def tuned_rule(content: Mapping[str, Any]) -> Rule:
     # the order of the parameters in an entry of "weights" may differ from that in "parameters"
     weights, names = sorted(tuned), [parameter["name"] for parameter in content["parameters"]]
     table = [[tuned[weight][name] for name in names] for weight in weights]
-    rule = RULES[content["rule"]].of(table).for_task(Task(**content["environment"]))
+    task = Task(**content["environment"])
+    rule = RULES[content["rule"]].of(table, ranges_for(task)).for_task(task)
     rule.weights = weights
     return rule
 
@@ -74,9 +77,10 @@ def read_tuned(name: str, folder: Path | None = None, setup: Setup | None = None
         checksum = hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
         if checksum != content["sha256"]:
             raise ValueError(f"its checksum is {checksum}, not {content['sha256']}: it was altered or damaged")
-        expected = _description(name, setup.tuned[name].rule if setup else content["rule"])
+        task = Task(**content["environment"])
+        expected = _description(name, setup.tuned[name].rule if setup else content["rule"], task)
         other = [field for field, value in expected.items() if content[field] != value]
-        if setup and not setup.describes(Task(**content["environment"])):
+        if setup and not setup.describes(task):
             other.append("environment")
     except (LookupError, TypeError, AttributeError, ValueError) as error:
         raise ValueError(f"{path} is no tuned baseline, or it is damaged: {error}; {remedy}") from error
@@ -89,16 +93,16 @@ def read_tuned(name: str, folder: Path | None = None, setup: Setup | None = None
 def write_tuned(name: str, weights: Mapping[str, Any], setup: Setup, folder: Path = TUNED) -> Path:
     """Write the file of a baseline atomically, with the result for each time weight; return the path."""
     ordered = {key: weights[key] for key in sorted(weights, key=float)}
-    made_for = {**_description(name, setup.tuned[name].rule), "environment": dict(setup.environment)}
+    made_for = {**_description(name, setup.tuned[name].rule, setup.task), "environment": dict(setup.environment)}
     content = json.loads(json.dumps({**made_for, "weights": ordered}))
     checksum = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
     text = json.dumps({**content, "sha256": checksum}, indent=2)
     return write_file(folder / f"{name}.json", text + "\n")
 
 
-def _description(name: str, rule: str) -> dict[str, Any]:
-    fields = ("name", "unit", "low", "high")
-    limits = [{field: getattr(parameter, field) for field in fields} for parameter in RULES[rule].PARAMETERS]
+def _description(name: str, rule: str, task: Task) -> dict[str, Any]:
+    fields, parameters = ("name", "unit", "low", "high"), RULES[rule].limited(ranges_for(task))
+    limits = [{field: getattr(parameter, field) for field in fields} for parameter in parameters]
     return {"format": FORMAT, "baseline": name, "rule": rule, "parameters": limits}
 
 

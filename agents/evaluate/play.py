@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from agents.archive import unpacked
 from agents.baselines import Clairvoyant, RandomActions
-from agents.baselines.rule import Rule
+from agents.baselines.rule import ANY, Rule
 from agents.baselines.tuned import load_baseline, tuned_rule
 from agents.evaluate.scenario_batch import MEASURED, ScenarioBatch
 from agents.policies import Controller, Ensemble, Policy
@@ -134,7 +134,7 @@ KINDS: Mapping[str, Callable[[Any, float], Controller]] = {
     "policy": lambda content, _: _policy(content),
     "baseline": load_baseline,
     "tuned": lambda content, weight: tuned_rule(content).at(weight),
-    "clairvoyant": lambda by_weight, weight: Clairvoyant(by_weight[f"{weight:g}"]),
+    "clairvoyant": lambda by_weight, weight: Clairvoyant.of(by_weight[f"{weight:g}"], ANY),
     "object": lambda name, _: _object(name),
 }
 """Functions that make a controller from plain data and a time weight, m/s per s."""

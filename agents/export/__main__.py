@@ -32,8 +32,8 @@ class Export:
 
     controller: tyro.conf.Positional[str]
     """Name of a shipped policy or baseline, file of a policy or baseline, or folder of a training. With --all: name or
-    file of a set-up. The header of a tuned baseline contains the parameters for all tuned time weights. Pass the time
-    weight to the header's function NAME_reset."""
+    file of a set-up. The header of a tuned baseline contains the parameters for all tuned time weights. In your C
+    code, pass the time weight (cost of a second until the touch, m/s) to the header's function NAME_reset."""
     out: Path
     """Folder for the C header and the ONNX file."""
     setup: str | None = None
@@ -53,6 +53,10 @@ class Export:
     def __post_init__(self) -> None:
         for name in ("episodes", "calls"):
             whole(name, getattr(self, name), at_least=1)
+        if self.all and self.setup:
+            raise ValueError(f"setup must be left out with --all, which takes a set-up as CONTROLLER, got {self.setup}")
+        if self.folder and not self.all:
+            raise ValueError(f"folder must be left out without --all, got {self.folder}")
 
 
 def network_in_onnx(path: Path, observed: Floats) -> Floats | None:

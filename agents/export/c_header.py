@@ -23,7 +23,6 @@ from impact_gym.scene import SpringDamper
 from impact_gym.task import ObservationSpec
 from impact_gym.task.action import RESOLUTION
 from impact_gym.task.observation import CURVES, affine
-from impact_gym.task.task import ACCELERATION_RANGE, VELOCITY_RANGE
 from impact_gym.teleop.link import FADE
 
 CLOCK = 1e-9  # s, tolerance in comparisons of the times of operator commands
@@ -94,8 +93,7 @@ def _rule(subject: Subject, name: str) -> dict[str, Any]:
         "profile": profile,
         "filtered": filtered,
         "rules": rules,
-        "fastest": VELOCITY_RANGE[1],
-        "accelerations": ACCELERATION_RANGE,
+        "ranges": rules.ranges_for(subject.task),
     }
 
 

@@ -133,6 +133,8 @@ def of_baseline(name: str, setup: Setup | None = None, folder: Path | None = Non
 
 def of_name(name: str, setup: Setup | None = None) -> Subject:
     """Return the controller that `name` means: a baseline, a tuned baseline's file, or a policy, see `load_policy`."""
+    if setup and Path(name).stem not in (own := [*FIXED, *setup.tuned]):
+        raise ValueError(f"{name} is no baseline of {setup.called}: leave out --setup, or name one of {', '.join(own)}")
     if name in (*FIXED, *shipped_baselines(), *(setup.tuned if setup else ())):
         return of_baseline(name, setup)
     if name.endswith(".json"):

@@ -12,7 +12,7 @@ import polars as pl
 from numpy.typing import ArrayLike
 
 from agents.baselines.cmaes import Losses, minimise
-from agents.baselines.rule import Floats, Rule
+from agents.baselines.rule import Floats, Rule, ranges_for
 from agents.baselines.tuned import RULES
 from agents.evaluate.scenario_batch import RESULTS, TUNING_SEED, Episodes, ScenarioBatch, Travel
 from experiments.design.pads import Pad, on_pad, pad_of
@@ -87,7 +87,8 @@ class Candidate:
 
     def controller(self, parameters: ArrayLike | None = None) -> Rule:
         """Return the controller with `parameters`, (k,) or (rows, k); None: the candidate's own parameters."""
-        return RULES[self.rule].of(self.parameters if parameters is None else parameters).for_task(self.task)
+        given = self.parameters if parameters is None else parameters
+        return RULES[self.rule].of(given, ranges_for(self.task)).for_task(self.task)
 
     def contact(self, stage: ScenarioBatch) -> dict[str, Floats]:
         """Return contact stiffness (N/m^1.5) and restitution of each scenario with the pad; empty without a pad."""
@@ -160,7 +161,7 @@ def search(
     `parameters` and the start of each `SearchVariable.parameter`. `approach_time` (s) limits the mean approach time.
     """
     begin, free, much = Candidate(**candidate), [SearchVariable(*each) for each in variables], SearchBudget(**budget)
-    of_rule = zip(RULES[begin.rule].PARAMETERS, begin.parameters, strict=True)
+    of_rule = zip(RULES[begin.rule].limited(ranges_for(begin.task)), begin.parameters, strict=True)
     parameters = [variable.parameter() for variable in free]
     parameters += [parameter._replace(start=start) for parameter, start in of_rule]
     losses = objective(begin, free, approach_time, Limits(**limits), much)

@@ -136,7 +136,7 @@ def test_load_baseline_interpolates_over_the_logarithm_of_the_weight(tmp_path):
         rule = load_baseline("blind-profile", weight, tmp_path)
         assert isinstance(rule, BlindProfile)
         assert rule.parameters == pytest.approx((1.0 - share) * low + share * high, rel=1e-12)
-    assert (load_baseline("blind-profile", 1.0, tmp_path).parameters == low).all()
+    assert (load_baseline(tmp_path / "blind-profile.json", 1.0).parameters == low).all()
     assert isinstance(load_baseline("paper-trapezoid", 3.0, tmp_path), PaperTrapezoid)
 
 

@@ -11,6 +11,7 @@ from episodes import assert_identical
 from policies import made_up_policy
 
 from agents import load_setup
+from agents.baselines.rule import ranges_for
 from agents.baselines.tuned import FIXED, RULES
 from agents.export.c_header import write_header
 from agents.export.contract import Subject, of_name
@@ -43,7 +44,7 @@ def assert_commands_alike(folder, subject):
 
 
 SENSED = {"range_sensor": {"noise": 0.002, "share": 0.1}, "coupling": {"type": "SpringDamper", "stiffness": 50.0}}
-FAR = {"scenario": {"distance": [0.05, 0.6]}}
+FAR, FAST = {"scenario": {"distance": [0.05, 0.6]}}, {"acceleration_range": [0.5, 30.0], "velocity_range": [-1.0, 2.0]}
 ROBUST = {name: load_setup("ranged-robust").environment[name] for name in
           ("alarm", "alarm_threshold", "force_noise", "deflection_sensor", "past_readings", "range_noise",
            "observe_range_noise")}  # fmt: skip
@@ -54,8 +55,9 @@ RULES_IN_C = {
     "filter, rigid": ("FilteredProfile", {"range_sensor": {"noise": 0.01}, "coupling": {"type": "Rigid"}}),
     "first reading": ("FirstReadingProfile", SENSED | {"alarm": "reading", "force_noise": 0.3}),
     "deceleration, far": ("ConstantDeceleration", FAR), "profile, far": ("BlindProfile", FAR),
-    "detector": ("DetectorProfile", ROBUST | {"force_noise": 2.0}), "detector with a range": ("DetectorRanged", ROBUST),
-    "brake": ("Ranged", {"range_noise": 0.02, "acceleration_range": [0.5, 30.0], "velocity_range": [-1.0, 2.0]}),
+    "detector": ("DetectorProfile", ROBUST | {"force_noise": 2.0}),
+    "detector with a range": ("DetectorRanged", ROBUST | FAST),
+    "brake": ("Ranged", FAST | {"range_noise": 0.02}),
     "speed": ("ConstantSpeed", {"alarm": "reading", "force_noise": 0.5, "control_period": 0.008}),
 }  # fmt: skip
 
@@ -63,10 +65,11 @@ RULES_IN_C = {
 @pytest.mark.parametrize(("rule", "environment"), RULES_IN_C.values(), ids=RULES_IN_C)
 def test_rule_with_any_parameters_gives_the_same_commands_in_c_and_numpy(tmp_path, rule, environment):
     """With three sets of parameters near the start values, for three time weights."""
-    limits, rng = RULES[rule].PARAMETERS, np.random.default_rng(1)
+    ranges, rng = ranges_for(Task(**environment)), np.random.default_rng(1)
+    limits = RULES[rule].limited(ranges)
     low, high, start = np.array([(each.low, each.high, each.start) for each in limits]).T
     table = np.clip(start + 0.1 * rng.normal(size=(3, len(limits))) * (high - low), low, high)
-    controller = RULES[rule].of(table).for_task(Task(**environment))
+    controller = RULES[rule].of(table, ranges).for_task(Task(**environment))
     controller.weights = (0.5, 1.0, 4.0)
     assert_commands_alike(tmp_path, Subject(controller))
 

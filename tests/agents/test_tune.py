@@ -13,7 +13,7 @@ from episodes import Always
 from refusals import refused
 
 from agents import load_setup, tune
-from agents.baselines import Clairvoyant, ConstantSpeed, PaperTrapezoid
+from agents.baselines import Clairvoyant, ConstantSpeed, LocalBrake, PaperTrapezoid
 from agents.baselines.cmaes import Jittery, minimise
 from agents.baselines.rule import Parameter
 from agents.baselines.tuned import BOUND_SET, bound_of, load_baseline, read_bound, read_tuned, write_bound, write_tuned
@@ -110,6 +110,14 @@ def test_tune_prefers_a_gentle_touch_to_a_miss_at_any_time_weight():
     assert 0.05 * 1.2 < found["train"] < 2.0
     stage = ScenarioBatch(TUNING_SEED, 20, Task(rtol=1e-5))
     assert found["train"] == pytest.approx(stage.play(ConstantSpeed.of(found["parameters"])).loss(0.05).mean())
+
+
+def test_baselines_use_the_whole_speed_and_acceleration_of_a_fast_arm():
+    """If only time counts, the fastest approach is best; the brake is the arm's."""
+    arm = {"velocity_range": [-0.5, 3.0], "acceleration_range": [1.0, 60.0]}
+    found = tune.tune_one("ConstantSpeed", arm, 100.0, 1e-5, 0.0, **SEARCH | {"scenarios": 20, "budget": 160})
+    assert found["parameters"][:2] == pytest.approx([3.0, 60.0], rel=0.05)
+    assert LocalBrake().for_task(Task(**arm)).parameters.tolist() == [3.0, 60.0, 60.0]
 
 
 def test_tune_keeps_finished_weights_and_reaches_the_same_result_after_a_stop(noisy, tmp_path):
