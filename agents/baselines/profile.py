@@ -31,14 +31,7 @@ class ReactingRule(Rule):
     OVER = "position"  # key, in the view, of the profile's argument; a distance is negated to give a position
 
     def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
-        """Return velocity and acceleration of the reaction while the alarm is on, else those of `approach`."""
-        velocity, acceleration = self.approach(view)
-        after = interpolate(TIMES, self.columns(REACTION[0].name, len(TIMES)), view["time_since_alarm"])
-        fast = self["acceleration after the alarm"]
-        return np.where(view.alarm, after, velocity), np.where(view.alarm, fast, acceleration)
-
-    def approach(self, view: View) -> tuple[ArrayLike, ArrayLike]:
-        """Return the profile's velocity (m/s) at the end of the control period, and the acceleration (m/s^2)."""
+        """Return velocity (m/s) and acceleration (m/s^2), while the alarm is on of the reaction, else of the profile."""
         least, fastest = ranges_for(self.task)["m/s^2"]
         most = self[ACCELERATION.name] if ACCELERATION in self.PARAMETERS else fastest
         speed, velocity, period = self.profile(view), view["velocity"], self.task.control_period
@@ -46,7 +39,10 @@ class ReactingRule(Rule):
         reach = np.asarray(most) * period
         ahead = np.clip(speed(position + velocity * period), velocity - reach, velocity + reach)
         target = speed(position + 0.5 * (velocity + ahead) * period)
-        return target, np.clip(np.abs(target - velocity) / period, least, most)
+        acceleration = np.clip(np.abs(target - velocity) / period, least, most)
+        after = interpolate(TIMES, self.columns(REACTION[0].name, len(TIMES)), view["time_since_alarm"])
+        fast = self["acceleration after the alarm"]
+        return np.where(view.alarm, after, target), np.where(view.alarm, fast, acceleration)
 
     def profile(self, view: View) -> Callable[[Floats], Floats]:
         """Return the profile for `view`: a function from position (m) to speed (m/s)."""

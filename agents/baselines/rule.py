@@ -101,7 +101,8 @@ class Rule:
         """Return PARAMETERS; the ends of `ranges` replace the limits that are ends of the ranges USUAL."""
         moved = {(unit, end): new for unit in USUAL for end, new in zip(USUAL[unit], ranges[unit], strict=True)}
         limits = [[moved.get((each.unit, end), end) for end in (each.low, each.high)] for each in cls.PARAMETERS]
-        return tuple(each._replace(low=ends[0], high=ends[1]) for each, ends in zip(cls.PARAMETERS, limits, strict=True))
+        pairs = zip(cls.PARAMETERS, limits, strict=True)
+        return tuple(each._replace(low=low, high=high) for each, (low, high) in pairs)
 
     def at(self, time_weight: ArrayLike) -> Self:
         """Return the rule for a time weight (m/s per s), or for the time weight of each row of a batch.

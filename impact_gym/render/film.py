@@ -62,7 +62,6 @@ class History:
         at_rest = {name: 0.0 for name in State._fields} | {"object_position": info["scenario"]["distance"]}
         rows = np.vstack([list(at_rest.values()), np.column_stack([getattr(trace, name) for name in at_rest])])
         rows = rows[np.isfinite(rows).all(axis=1)]  # a simulation can overflow
-        self._rows = np.ascontiguousarray(rows)
         self.columns = dict(zip(at_rest, np.ascontiguousarray(rows.T), strict=True))
         self.time = self.columns["time"]
         self.now = float(self.time[-1])
@@ -77,11 +76,7 @@ class History:
 
     def at(self, time: float) -> State:
         """Return the state at `time` (s), interpolated linearly between points of the trace."""
-        last = len(self.time) - 1
-        row = min(max(int(self.time.searchsorted(time, side="right")) - 1, 0), max(last - 1, 0))
-        begin, end = self._rows[row], self._rows[min(row + 1, last)]
-        share = min(max((time - begin[0]) / (end[0] - begin[0]), 0.0), 1.0) if end[0] > begin[0] else 1.0
-        return State(*(begin + share * (end - begin)).tolist())
+        return State(*(float(np.interp(time, self.time, column)) for column in self.columns.values()))
 
     def factor(self, time: float) -> float:
         """Return the factor, a power of two, by which the film is slower than real time at `time` (s).

@@ -38,11 +38,9 @@ class Approach(Parameters):
     joints: tuple[str, ...]  # names of the joints
     start: Annotated[Array, SI("m")]  # position of the flange at the start, in the base's frame, (3,)
     direction: Annotated[Array, SI("-")]  # direction of the line, of length 1, (3,)
-    chosen: Mass = "held"  # the kind of mass that `robot_table` and `at` use by default
 
     def __post_init__(self) -> None:
         Parameters.__post_init__(self)
-        choice("Approach.chosen", self.chosen, get_args(Mass))
         rows = len(self.position)
         if rows < 4 or np.any(np.diff(self.position) <= 0) or self.position[0] != 0:
             raise ValueError(f"Approach.position must be at least 4 numbers in m rising from 0, got {self.position!r}")
@@ -54,12 +52,11 @@ class Approach(Parameters):
             values.flags.writeable = False
             object.__setattr__(self, name, values)
 
-    def robot_table(self, mass: Mass | None = None) -> RobotTable:
+    def robot_table(self, mass: Mass = "held") -> RobotTable:
         """Return the robot with parameters that vary along the line; `mass` is "held", "effective" or "composite".
 
         With "effective" the stiffness is `effective_stiffness`; the damping is reduced in the ratio of the stiffnesses.
         """
-        mass = self.chosen if mass is None else mass
         choice("mass", mass, get_args(Mass))
         stiffness, damping = self.stiffness, self.damping
         if mass == "effective":
@@ -67,7 +64,7 @@ class Approach(Parameters):
         columns = self.position, getattr(self, mass), stiffness, damping
         return RobotTable(*(tuple(map(float, column)) for column in columns))
 
-    def at(self, position: float, mass: Mass | None = None) -> Robot:
+    def at(self, position: float, mass: Mass = "held") -> Robot:
         """Return a robot with constant parameters, those at `position` (m) along the line."""
         return self.robot_table(mass).at(position)
 

@@ -92,7 +92,7 @@ def test_clairvoyant_uses_the_true_gap():
     env = gym.make(ID, **Clairvoyant.NEEDS)
     seen, _ = env.reset(options={"scenario": {"distance": 0.2718}})
     rule = Clairvoyant([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 10.0, 20.0, *STAY])
-    velocity, _ = rule.approach(View(seen, env.unwrapped.observation_spec))
+    velocity, _ = rule.command(View(seen, env.unwrapped.observation_spec))
     far = np.sqrt(0.6**2 + 2 * 10.0 * (0.2718 - 0.04))
     assert velocity == pytest.approx(min(1.5, far), abs=1e-6)
     assert rule.speed(np.array([-0.015, 0.0, 0.015, 0.1])) == pytest.approx([0.45, 0.3, 0.15, 0.1])
