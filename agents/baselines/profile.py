@@ -31,7 +31,7 @@ class ReactingRule(Rule):
     OVER = "position"  # key, in the view, of the profile's argument; a distance is negated to give a position
 
     def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
-        """Return velocity (m/s) and acceleration (m/s^2), while the alarm is on of the reaction, else of the profile."""
+        """Return velocity (m/s) and acceleration (m/s^2): the reaction's while the alarm is on, else the profile's."""
         least, fastest = ranges_for(self.task)["m/s^2"]
         most = self[ACCELERATION.name] if ACCELERATION in self.PARAMETERS else fastest
         speed, velocity, period = self.profile(view), view["velocity"], self.task.control_period
