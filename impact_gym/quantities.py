@@ -112,6 +112,7 @@ NEWTONS, EXPONENT = Limits(at_least=0.0, at_most=1e6), Limits(at_least=0.0, at_m
 THRESHOLD = Limits(at_least=1e-6, at_most=1e6)
 FORCE, SHARE, GAP = Scale(0.0, 1000.0, 0.0, "log1p"), Scale(0.0, 1.0, 0.0), Scale(-0.5, 0.5)
 HALF, TENTH, TEN = (Scale(0.0, high, 0.0) for high in (0.5, 0.1, 10.0))
+BURST = Scale(1.0, 100.0, 0.0, "log1p")  # not "log", which would change its draws
 SINCE_ALARM = Scale(0.0, AFTER_ALARM, 0.0, ends="after_alarm")
 SENSED, ALARMED = ("reaction_delay", "force_noise", "force_bias", "alarm"), ("reaction_delay", "alarm")
 
@@ -125,7 +126,7 @@ def channel(way: str, place: int) -> tuple[Quantity, ...]:
         ("tail", f"mean of a longer random delay of {packets}", "s", SECONDS, HALF),
         ("tail_share", f"share of {packets} with the longer delay", "-", PART, SHARE),
         ("loss", f"share of {packets} that are lost", "-", LOST, SHARE),
-        ("burst", f"mean number of successive losses of {packets}", "-", Limits(at_least=1.0, at_most=1e6), SHARE),
+        ("burst", f"mean number of successive losses of {packets}", "-", Limits(at_least=1.0, at_most=1e6), BURST),
         ("timeout", "time without a newer command after which the arm stops", "s", POSITIVE, HALF),
     )  # fmt: skip
     return tuple(

@@ -16,6 +16,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvO
 
 from impact_gym.envs.vector import ImpactApproachVectorEnv
 from impact_gym.task.episodes import reset_options
+from impact_gym.task.task import ARGUMENTS, Task
 from impact_gym.threads import CORES
 from impact_gym.validation import one_of
 
@@ -31,7 +32,7 @@ def warn_of_threads(threads: int, available: int) -> None:
 class ImpactVecEnv(VecEnv):
     """`num_envs` environments for stable-baselines3. Arguments: as `ImpactApproachVectorEnv`, without `autoreset_mode`.
 
-    The last step of an episode returns the first observation of the next episode, and the final `info` with
+    The last step of an episode returns the first observation of the next episode, and an `info` with
     `terminal_observation` and `TimeLimit.truncated`. For at most 16 environments, made with `render_mode="rgb_array"`,
     `render` returns one picture with all environments in a grid, as `VecVideoRecorder` needs.
     """
@@ -45,6 +46,8 @@ class ImpactVecEnv(VecEnv):
         per_slot: Sequence[Mapping[str, Any]] | None = None,
         **arguments: Any,  # arguments of `Task`
     ) -> None:
+        unknown = {name: None for name in arguments if name not in ARGUMENTS}
+        Task.of("environment", unknown, "num_envs", "render_mode", "threads", "per_slot")  # refuses them
         warn_of_threads(torch.get_num_threads(), CORES)
         mode = AutoresetMode.DISABLED  # `step_wait` resets on the step that ends an episode
         self.envs = ImpactApproachVectorEnv(
@@ -65,10 +68,9 @@ class ImpactVecEnv(VecEnv):
         one_of("options", self._options, list)
         if len(self._options) != self.num_envs:
             raise ValueError(f"options must be a mapping or {self.num_envs} mappings, got {len(self._options)}")
-        seeds = None if all(seed is None for seed in self._seeds) else list(self._seeds)
         asked = zip(self._options, cycle(self.envs.batch.tasks), strict=False)
         fixed = np.concatenate([reset_options(options, [task]) for options, task in asked])
-        observations = self.envs.begin(seeds, np.ones(self.num_envs, np.bool_), fixed)
+        observations = self.envs.begin(list(self._seeds), np.ones(self.num_envs, np.bool_), fixed)
         self.reset_infos = [{} for _ in range(self.num_envs)]
         self._reset_seeds()
         self._reset_options()
@@ -88,7 +90,7 @@ class ImpactVecEnv(VecEnv):
             rows = np.flatnonzero(ended)
             lasts, cuts = batch.observations[rows], (truncated & ~terminated)[rows].tolist()
             for row, info, last, cut in zip(rows.tolist(), batch.infos(rows), lasts, cuts, strict=True):
-                infos[row] |= info | {"terminal_observation": last, "TimeLimit.truncated": cut}
+                infos[row] |= ({} if cut else info) | {"terminal_observation": last, "TimeLimit.truncated": cut}
             self.envs.begin(None, ended)
         return batch.observations.copy(), rewards, ended, infos
 
@@ -97,7 +99,7 @@ class ImpactVecEnv(VecEnv):
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
         """Return an attribute of `envs`, once for each of `indices`."""
-        return [getattr(self.envs, attr_name) for _ in self._get_indices(indices)]
+        return [getattr(self.envs, attr_name) for _ in np.arange(self.num_envs)[[*self._get_indices(indices)]]]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
         """Set an attribute of `envs`; `indices` must include all environments."""
@@ -107,18 +109,18 @@ class ImpactVecEnv(VecEnv):
     def env_method(
         self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **method_kwargs: Any
     ) -> list[Any]:
-        """Call a method of `envs` once; `indices` must include all environments."""
+        """Call a method of `envs` once, for all environments; return its value for each one, of `sensors` its own."""
         self._must_be_all(indices, method_name)
         value = getattr(self.envs, method_name)(*method_args, **method_kwargs)
-        return [value for _ in range(self.num_envs)]
+        own = method_name == "sensors"
+        return [{name: float(of[row]) for name, of in value.items()} if own else value for row in range(self.num_envs)]
 
     def env_is_wrapped(
         self, wrapper_class: type[Wrapper[Any, Any, Any, Any]], indices: VecEnvIndices = None
     ) -> list[bool]:
         """Return False for each of `indices`: no environment in the batch is wrapped."""
-        return [False for _ in self._get_indices(indices)]
+        return [False for _ in np.arange(self.num_envs)[[*self._get_indices(indices)]]]
 
     def _must_be_all(self, indices: VecEnvIndices, name: str) -> None:
-        chosen: Sequence[int] = list(self._get_indices(indices))
-        if len(chosen) != self.num_envs:
+        if {*self._get_indices(indices)} != {*range(self.num_envs)}:
             raise ValueError(f"{name!r} belongs to the whole batch: leave `indices` out, got {indices!r}")

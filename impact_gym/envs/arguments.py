@@ -14,11 +14,11 @@ def documented(kind: Kind) -> Kind:
     """Replace the placeholders in the docstring of a class, such as OBSERVATION_TABLE, by Markdown tables."""
     pairs = zip(SCENARIO, ScenarioRanges().by_id().values(), strict=True)
     scenario = [(f"`{row.id}`", f"{low:g} - {high:g}", law_of(row), row.unit) for row, (low, high) in pairs]
-    set_up = [(f"`{row.id}`", law_of(row), row.unit, f"{row.scale.low:g}", f"{row.scale.high:g}") for row in SET_UP]
+    set_up = [(f"`{q.id}`", law_of(q), q.unit, *map("{:g}".format, q.scale[:2]), q.scale.curve) for q in SET_UP]
     tables: dict[str, Rows] = {
         "OBSERVATION_TABLE": observation_table(),
         "SCENARIO_TABLE": [("Scenario field", "Default range", "Distribution", "Unit"), *scenario],
-        "SET_UP_TABLE": [("Number of the set-up", "Distribution", "Unit", "Observed from", "to"), *set_up],
+        "SET_UP_TABLE": [("Number of the set-up", "Distribution", "Unit", "Observed from", "to", "Scale"), *set_up],
         "ARGUMENT_TABLE": argument_table(),
     }
     for place, rows in tables.items():

@@ -6,6 +6,7 @@ from hashlib import sha256
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from gymnasium.error import ResetNeeded
 from numpy.typing import ArrayLike, NDArray
 
 from impact_gym import kernels
@@ -170,16 +171,24 @@ class Batch:
         given = array("action", actions, shape or (self.size, len(self.action_spec)))
         values = given.astype(np.float64, "C").reshape(self.size, -1)
         if not np.isfinite(values).all():
-            wrong = values[~np.isfinite(values).all(axis=1)][0]
-            raise ValueError(f"action must be finite (no unit), got {wrong}: no step was made")
+            row = np.isfinite(values).all(axis=1).argmin()
+            field = "action" if shape else f"action[{row}]"
+            raise ValueError(f"{field} must be finite (no unit), got {values[row]}: no step was made")
         over_rows(partial(self._rows.step, values, skip), self.size, self.threads, ROWS_PER_THREAD)
+
+    def check_begun(self, call: str) -> None:
+        """Raise ResetNeeded, which names `call`, if a row has had no episode; its object then has no mass."""
+        if not self.episodes["drawn"]["object_mass"].all():
+            raise ResetNeeded(f"there is no episode yet: call reset before {call}")
 
     def set_operator_velocity(self, velocities: ArrayLike) -> None:
         """Let the operators, each a `Person`, command `velocities` (m/s), a number or (size,), in this episode."""
         for task in self.tasks:
             one_of("operator", task.operator, Person)
+        self.check_begun("command")
         lows, highs = zip(*(task.velocity_range for task in self.tasks), strict=True)
-        for velocity in np.atleast_1d(array("command", velocities)):
+        given = array("command", velocities)
+        for velocity in np.atleast_1d(array("command", given, (self.size,) * given.ndim, what="velocities (m/s)")):
             number("command", velocity, "m/s", at_least=max(lows), at_most=min(highs))
         self.links["person_command"] = velocities
 
@@ -244,6 +253,7 @@ class Batch:
 
     def sensors(self) -> dict[str, NDArray[np.float64]]:
         """Return the sensor values of all rows in SI units, each (size,); see `ImpactApproachEnv.sensors`."""
+        self.check_begun("sensors")
         now = self.episodes.view(np.float64).reshape(self.size, -1)
         return {name: now[:, place(name)].copy() for name in self.spec.sensors}
 

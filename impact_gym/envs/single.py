@@ -114,7 +114,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     - `{"scenario": {...}}` fixes some or all of the scenario fields above.
     - `{"record": {...}}` fixes some or all of the drawn numbers. To repeat an episode, give its final `info["record"]`
       and the same actions. A reaction delay must not exceed the environment's largest reaction delay. A number of the
-      second table must lie in the environment's range for this number.
+      second table must lie in the environment's range for this number. A number must not be given twice.
 
     ## Episode End
     An episode terminates 0.15 s (`after_alarm`) after the alarm. If the object was touched, the flange then brakes to
@@ -134,8 +134,8 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     `slide` and `rest_time`. `slide` (m) is the distance from the object's first position to the place where it comes to
     rest if no contact follows. `rest_time` (s) is the time from which the object rests and the tool is slower than
     1 mm/s; inf if the simulation ends before the tool is so slow. The tool is checked once per ms after the flange has
-    stopped, so `rest_time` is never before this stop. During an episode and after a truncation,
-    `env.unwrapped.episode_info()` returns the present values.
+    stopped, so `rest_time` is never before this stop. A truncated episode has no final `info`. Then, and during an
+    episode, `env.unwrapped.episode_info()` returns the present values.
 
     ## Arguments
     To draw a number of a coupling or robot from a range, give a dict:
@@ -195,6 +195,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def episode_info(self) -> dict[str, Any]:
         """Return the entries of the final `info` with their present values."""
+        self._batch.check_begun("episode_info")
         return self._batch.info(0)
 
     def episode_state(self) -> EpisodeState:
@@ -268,8 +269,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if self.render_mode is None:
             gym.logger.warn("render() draws nothing without a render_mode, such as gym.make(..., render_mode='human')")
             return None
-        if not self._running and self._batch.chains["traced"][0] == 0:
-            raise gym.error.ResetNeeded("no episode is under way: call reset before render")
+        self._batch.check_begun("render")
         if self._renderer is None:
             from impact_gym.render import Renderer
 

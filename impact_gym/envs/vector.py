@@ -77,8 +77,14 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         self.single_action_space = Box(-1.0, 1.0, (len(self.action_spec),), np.float32)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self._generators: list[np.random.Generator] = []
-        self._ended, self._begun, self._skipped = np.zeros((3, self.num_envs), np.bool_)
+        self._generators: list[Any] = []  # random generators of NumPy
+        self._ended, self._skipped = np.zeros((2, self.num_envs), np.bool_)
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]  # as in SyncVectorEnv
+        """The seed of each slot's random generator."""
+        self._seed(None, self._ended)
+        return tuple(each.bit_generator.seed_seq.entropy for each in self._generators)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -90,12 +96,12 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         """
         one_of("options", options, Mapping, type(None))
         rest = dict(options or {})
-        words = f"{self.num_envs} booleans, at least one of them true,"
+        words = f"{self.num_envs} booleans with at least one True"
         given = rest.pop("reset_mask", None)
-        everywhere = np.ones(self.num_envs, np.bool_)
-        mask = array("options['reset_mask']", everywhere if given is None else given, everywhere.shape, "b", words)
+        given = np.ones(self.num_envs, np.bool_) if given is None else given
+        mask = array("options['reset_mask']", given, (self.num_envs,), "b", words)
         if not mask.any():
-            raise ValueError(f"options['reset_mask'] must hold {words} got none")
+            raise ValueError(f"options['reset_mask'] must hold {words}, got none")
         return self.begin(seed, mask, reset_options(rest, self.batch.tasks, self.num_envs)[mask]), {}
 
     def begin(self, seed: Any, mask: Flags, fixed: NDArray[Any] | None = None) -> Floats:
@@ -103,14 +109,12 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         self._seed(seed, mask)
         self.batch.begin(np.flatnonzero(mask), self._generators, fixed)
         self._ended[mask] = False
-        self._begun[mask] = True
         return self.batch.observations.copy()
 
     def play(self, actions: NDArray[Any]) -> tuple[Flags, Flags]:
         """Step every slot; return whether each slot's episode terminated, and whether it was truncated."""
-        if not self._begun.all():
-            raise ResetNeeded("some slots have no episode under way: call reset before step")
         batch = self.batch
+        batch.check_begun("step")
         skip = self._ended
         if self.autoreset_mode is not AutoresetMode.NEXT_STEP and skip.any():
             raise ResetNeeded("some episodes have ended: call reset with options={'reset_mask': ...}")
@@ -133,7 +137,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         infos = masked(scalar, np.ones_like(ended)) | (masked(of_rows(links, acted), acted) if acted.any() else {})
         if ended.any():
             rows = np.flatnonzero(ended)
-            finals = masked(batch.info(rows), ended)
+            finals = masked(batch.info(np.flatnonzero(terminated)), terminated) if terminated.any() else {}
             if not same_step:
                 infos |= finals
             else:
@@ -154,8 +158,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         if self.render_mode is None:
             logger.warn("render() draws nothing without gym.make_vec(..., render_mode='rgb_array')")
             return None
-        if not self._begun.all():
-            raise ResetNeeded("some slots have no episode under way: call reset before render")
+        self.batch.check_begun("render")
         from impact_gym.render import Renderer
 
         renderer = Renderer(self.render_mode, self.metadata["render_fps"])
@@ -163,16 +166,16 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
 
     def get_state(self) -> dict[str, Any]:
         """Return a copy of the state, with the random generators, for `set_state`."""
-        return self.batch.get_state(generators=[generator.bit_generator.state for generator in self._generators])
+        own = (generator.bit_generator for generator in self._generators)
+        return self.batch.get_state(generators=[each.state | {"seed": each.seed_seq.entropy} for each in own])
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Restore a state that `get_state` returned, see `Batch.set_state`."""
         self.batch.set_state(state)
-        self._generators = [seeding.np_random(0)[0] for _ in state["generators"]]
+        self._generators = [seeding.np_random(there.get("seed"))[0] for there in state["generators"]]
         for generator, there in zip(self._generators, state["generators"], strict=True):
             generator.bit_generator.state = there
         self._ended = self.batch.ended
-        self._begun = self.batch.episodes["drawn"]["object_mass"] != 0.0
 
     def _seed(self, seed: Any, mask: Flags) -> None:
         """Seed slot i of `mask` with `seed` + i, or with entry i of a list; None keeps an existing generator."""
@@ -182,15 +185,13 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         if isinstance(seed, (list, tuple)) or getattr(seed, "ndim", 0) == 1:
             seeds = [each if each is None else whole("seed", each, at_least=0) for each in seed]
         elif seed is not None:
-            first = whole("seed", seed, at_least=0)
-            seeds = range(first, first + self.num_envs)
+            seeds = range(first := whole("seed", seed, at_least=0), first + self.num_envs)
         if len(seeds) != self.num_envs:
             raise ValueError(f"seed must be one whole number or {self.num_envs} whole numbers, got {len(seeds)}")
-        if not self._generators:
-            self._generators = [seeding.np_random(each)[0] for each in seeds]
-            return
-        for slot in np.flatnonzero(mask).tolist():
-            if seeds[slot] is not None:
+        fresh = not self._generators
+        self._generators = self._generators or [None] * self.num_envs
+        for slot in np.flatnonzero(mask | fresh).tolist():
+            if fresh or seeds[slot] is not None:
                 self._generators[slot] = seeding.np_random(seeds[slot])[0]
 
 

@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 from itertools import product
 
-from impact_gym.validation import Range, number
+from impact_gym.validation import Range, interval, number
 
 
 def hertz(
@@ -106,11 +106,11 @@ MATERIALS = {
 """Materials by name. Moduli of rubber and foam are for slow loading; in impacts they are larger."""
 
 
-def material_ranges(radius: Range, tool: str | Material, target: str | Material) -> dict[str, list[float]]:
+def material_ranges(radius: float | Range, tool: str | Material, target: str | Material) -> dict[str, list[float]]:
     """Return ranges for `[environment.scenario]`: contact_stiffness and, for equal materials, restitution if known.
 
     Args:
-        radius: smallest and largest radius of the curved body, m.
+        radius: radius of the curved body, or its smallest and largest radius, m.
         tool: material of the tool's surface: a name in MATERIALS, or a `Material`.
         target: material of the object's surface, given like `tool`.
 
@@ -123,7 +123,7 @@ def material_ranges(radius: Range, tool: str | Material, target: str | Material)
     pair = [given if isinstance(given, Material) else MATERIALS[given] for given in (tool, target)]
     values = [
         hertz(r, *first, *second)
-        for r in radius
+        for r in interval("radius", radius, "m", above=0)
         for first, second in product(*(product(material.young, material.poisson) for material in pair))
     ]
     ranges = {"contact_stiffness": [min(values), max(values)]}

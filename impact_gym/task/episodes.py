@@ -48,8 +48,8 @@ def records_with(count: int, numbers_by_id: Mapping[str, ArrayLike]) -> NDArray[
 def reset_options(options: Any, tasks: Sequence[Task], slots: int | None = None) -> NDArray[Any]:
     """Return the numbers that `reset(options=...)` fixes, as records (slots,) or (1,); nan: not fixed.
 
-    A number in "scenario" replaces the same number in "record". With `slots`, the size of a batch, a value may be a
-    sequence (slots,). `tasks` has one task for all slots, or one for each slot. A number of the set-up must lie in the
+    "scenario" and "record" must not both give a number. With `slots`, the size of a batch, a value may be a sequence
+    (slots,). `tasks` has one task for all slots, or one for each slot. A number of the set-up must lie in the
     range of each task that draws it. A reaction delay must not exceed the longest reaction delay of the task.
     """
     one_of("options", options, Mapping, type(None))
@@ -60,12 +60,14 @@ def reset_options(options: Any, tasks: Sequence[Task], slots: int | None = None)
         for name, value in values.items():
             if name not in known:
                 raise ValueError(f"options[{option!r}] has no field {name!r}; its fields are {list(known)}")
+            if name in fixed:
+                raise ValueError(f"options give {name!r} twice: leave it out of 'record' or of 'scenario'")
             fixed[name] = _checked(f"options[{option!r}][{name!r}]", name, value, tasks, slots)
             if name == "distance" and option == "scenario":  # a record may have a distance out of reach
                 for distance, task in zip(np.resize(fixed[name], slots or 1), cycle(tasks), strict=False):
                     task.check_distance(float(distance), f"options[{option!r}][{name!r}]")
     for name in given:
-        raise ValueError(f"unknown option {name!r}; allowed are 'scenario', 'record'")
+        raise ValueError(f"unknown option {name!r}; allowed are 'scenario', 'record' and, in a batch, 'reset_mask'")
     return records_with(slots or 1, fixed)
 
 

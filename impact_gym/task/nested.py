@@ -75,7 +75,7 @@ def record_from(name: str, value: Any, allowed: tuple[type[Any], ...]) -> Any:
     """Return `value` if it is of an `allowed` class, or the record that a mapping of fields and "type" describes.
 
     "type" is the name of the class. If several classes are allowed, a mapping without "type" (as from
-    `EnvSpec.to_json`) must have exactly the fields of one of them.
+    `EnvSpec.to_json`) must have exactly the fields of one of them, and at least one field.
     """
     if isinstance(value, allowed):
         return value
@@ -83,7 +83,7 @@ def record_from(name: str, value: Any, allowed: tuple[type[Any], ...]) -> Any:
     if isinstance(value, Mapping):
         given = {field: argument for field, argument in value.items() if field != "type"}
         named = {kind: [field.name for field in fields(of)] for kind, of in kinds.items()}
-        fitting = [kind for kind in kinds if len(kinds) == 1 or set(given) == set(named[kind])]
+        fitting = [kind for kind in kinds if len(kinds) == 1 or (given and {*given} == {*named[kind]})]
         chosen = value.get("type", fitting[0] if fitting else None)
         if isinstance(chosen, str) and chosen in kinds:
             for field in given:

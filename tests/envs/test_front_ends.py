@@ -40,21 +40,9 @@ MORE = (
 )  # fmt: skip
 
 
-class InfoAtTheTimeLimit(gym.Wrapper):
-    """Gives the info of an episode that `TimeLimit` cuts, as the batches do."""
-
-    def step(self, action):
-        *rest, truncated, info = self.env.step(action)
-        return *rest, truncated, info | (self.unwrapped.episode_info() if truncated else {})
-
-
-def single(options):
-    return InfoAtTheTimeLimit(gym.make(ID, disable_env_checker=True, **options))
-
-
 def loop_of(front, rows):
     """A loop over single environments, of Gymnasium or stable-baselines3, with a task in each row."""
-    singles = [partial(single, options) for options in rows]
+    singles = [partial(gym.make, ID, disable_env_checker=True, **options) for options in rows]
     if front == "stable-baselines3":
         return DummyVecEnv(singles)
     return SyncVectorEnv(singles, autoreset_mode="NextStep" if front == "single" else front)
@@ -144,6 +132,7 @@ def test_front_end_returns_to_the_bit_what_a_loop_over_single_environments_retur
         if not replaced and tick >= (53 if returned[2].any() else 80):
             envs, replaced = twin_of(envs, twin, partial(made, front, rows), np.ones_like(row)), True
     if front in MODES:
+        assert envs.np_random_seed == loop.np_random_seed
         for number, env in enumerate(loop.envs):
             assert env.unwrapped.sensors() == {name: column[number] for name, column in envs.sensors().items()}
 
@@ -246,6 +235,8 @@ def test_seeds_and_reset_mask_affect_only_the_slots_that_they_name():
         after, _ = envs.reset(seed=seed, options={**options, "reset_mask": mask})
         assert_identical(after, loop.reset(seed=seed, options={**options, "reset_mask": mask.copy()})[0])
         assert np.array_equal(after[~mask], before[~mask])
+    envs = made("NextStep", [NOISY] * 3)
+    assert_identical(envs.reset(), envs.reset(seed=list(envs.np_random_seed)))
 
 
 def test_slot_that_was_never_reset_or_has_ended_without_autoreset_must_be_reset_first():
@@ -275,3 +266,6 @@ def test_set_scenario_applies_from_the_next_episode_on(make):
         assert bare.batch.info(0)["scenario"]["distance"] == 0.4
         assert (env.get_attr("render_mode"), env.env_is_wrapped(gym.Wrapper)) == ([None] * 2, [False] * 2)
         refused(lambda: env.env_method("set_scenario", "hard", indices=[0]), "set_scenario", "indices", "[0]")
+        assert env.env_method("sensors") == [{name: of[row] for name, of in bare.sensors().items()} for row in (0, 1)]
+        with pytest.raises(IndexError, match="size 2"):
+            env.get_attr("render_mode", 2)

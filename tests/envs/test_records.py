@@ -34,8 +34,6 @@ def test_options_of_a_reset_fix_numbers_for_one_episode_and_change_no_other_draw
     assert info["record"] == drawn | fixed
     assert info["scenario"] == {name: info["record"][name] for name in FIELDS}
     assert_identical(play(env), play(free))
-    both = play(env, record={"distance": 0.3}, scenario={"distance": 0.2})
-    assert both.info["scenario"]["distance"] == 0.2  # it has precedence
 
 
 def test_range_of_one_number_changes_no_other_draw():

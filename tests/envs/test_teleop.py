@@ -197,9 +197,13 @@ def test_replay_of_a_persons_commands_is_the_same_episode_to_the_bit_alone_and_a
 
 def test_command_of_a_person_is_refused_outside_the_range_of_the_arm_and_sent_at_the_end_of_a_step():
     env = gym.make(TELEOP, operator={"type": "Person"}).unwrapped
+    for call in (lambda: env.command(0.1), env.sensors, env.episode_info):
+        with pytest.raises(gym.error.ResetNeeded, match="reset"):
+            call()
     env.reset(seed=1)
     for wrong in (math.nan, math.inf, 0.51, -0.31, "fast", None):
         refused(lambda wrong=wrong: env.command(wrong), "command", str(wrong))
+    refused(lambda: env.command([0.1, 0.2]), "command", "m/s", "shape (1,), got shape (2,)")
     refused(lambda: gym.make(TELEOP).unwrapped.command(0.1), "operator", "Person")
     env.command(0.5)
     *_, info = env.step(np.array(OWN, np.float32))

@@ -89,7 +89,7 @@ SOFT = {
     "mechanism": st.sampled_from([ig.Bistable(80.0, rear_stop=-0.01), {"type": "Bistable"}]),
     "drawn mechanism": described("Bistable", MECHANISM),
 }
-COUPLINGS = SOFT | {"rigid": st.sampled_from([ig.Rigid(), {"type": "Rigid"}])}
+COUPLINGS = SOFT | {"rigid": st.just({"type": "Rigid"})}
 ROBOTS = st.sampled_from([None, ROBOT, ig.Robot(2.0, 4e4, 10.0)]) | described("Robot", ARM)
 OWN = {
     **{name: number_or_range(*span) for name, span in SPANS.items() if name not in ESTIMATE},
