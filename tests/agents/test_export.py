@@ -58,7 +58,7 @@ def test_judged_refuses_a_network_or_controller_with_other_results(tmp_path):
     computed[-1, 1] += 2e-6
     refused(lambda: judged(tmp_path, computed, "", actions, 1e-6), "differs from the policy by 2")
     played = 2e-5, np.full(9, 1e-6)
-    refused(lambda: judged_replay(tmp_path, played, 3, 0.016), "commands differ by 2.0e-05 of the range")
+    refused(lambda: judged_replay(tmp_path, played, 3, 0.016), "differ by 2.0e-05 of their range")
 
 
 def entries(text):
