@@ -15,6 +15,7 @@ from agents.evaluate.scenario_batch import VALIDATION_SEED, ScenarioBatch
 from agents.setups import Setup, load_setup
 from agents.setups.evaluation import variants
 from agents.setups.feasible import corners, warnings
+from agents.setups.keys import within
 from agents.train.ppo import Run
 from impact_gym.files import whole_file
 from impact_gym.quantities import QUANTITIES
@@ -65,11 +66,12 @@ def lines(setup: Setup) -> Iterator[str]:
         if name != "time_weight":
             yield f"  {name}: {ends}{'' if quantity.unit == '-' else f' {quantity.unit}'}, {how}"
     yield "\nwhat follows"
+    yield from (f"  warning: {sentence}" for sentence in warnings(task))
     lags = [1e3 * lag(corner) for corner in corners(task)]
-    least, most = f"{min(lags):.3g}", f"{max(lags):.3g}"
-    behind = least if least == most else f"{least} to {most}"
+    behind = " to ".join(dict.fromkeys((f"{min(lags):.3g}", f"{max(lags):.3g}")))
     yield f"  the tool lags {behind} mm behind at the full {task.acceleration_range[1]:g} m/s^2"
-    played = ScenarioBatch.of("validation", SAMPLE, task).play(PaperTrapezoid().for_task(task))
+    with within(f"{setup.called}: the paper's rule"):
+        played = ScenarioBatch.of("validation", SAMPLE, task).play(PaperTrapezoid().for_task(task))
     yield (
         f"  in {SAMPLE} scenarios, the paper's rule leaves the object {played.object_velocity.mean():.3f} m/s (mean),"
         f" {'is done' if task.operator else 'arrives'} after {played.approach_time.mean():.3f} s and misses"
@@ -78,7 +80,6 @@ def lines(setup: Setup) -> Iterator[str]:
     if isinstance(task.coupling, Bistable):
         force = task.coupling.holding_force
         yield f"  the front stop holds the tool with {force:.3g} N; below that force the coupling is rigid"
-    yield from (f"  warning: {sentence}" for sentence in warnings(task))
     yield "\ntrained by"
     yield f"  {Run(setup, setup.training).command}"
     yield f"baselines: {', '.join(setup.against) or 'none'}; tuned here: {', '.join(setup.tuned)}"

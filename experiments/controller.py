@@ -68,16 +68,14 @@ def copy_setup(setup: Setup, out: Path, quick: bool = False) -> Path:
 
 def stages(copy: Path, options: ControllerOptions) -> dict[str, tuple[Callable[[Any], object], Any]]:
     """Return the function and the options of each stage, by the name of the stage's command."""
-    out, setup, copies = options.out, load_setup(copy), (str(copy),)
+    out, setup, copies, weight = options.out, load_setup(copy), (str(copy),), options.time_weight
     where: dict[str, Any] = {"processes": options.processes, "cluster": options.cluster}
     tuning = tune.Tune(copies, bound=setup.bound == copy.stem, out=out / "tuned", jobs=out / "searches", **where)
     training = train.TrainOptions(copies[0], setup.training)
     training = replace(training, seeds=setup.seeds, out=out / "runs", policies=out / "policies", **where)
-    page = report.ReportOptions(
-        copies, folder=out, out=out / "report", cluster=options.cluster, time_weight=options.time_weight
-    )
-    if options.time_weight is not None and options.time_weight not in setup.evaluation.weights:
-        tuning = replace(tuning, weights=tuple(sorted({*setup.evaluation.weights, options.time_weight})))
+    page = report.ReportOptions(copies, out, out=out / "report", cluster=options.cluster, time_weight=weight)
+    if weight is not None and weight not in setup.evaluation.weights:
+        tuning = replace(tuning, weights=tuple(sorted({*setup.evaluation.weights, weight})))
     if options.quick:
         tuning = replace(tuning, bound=False, scenarios=100, budget=min(QUICK_BUDGET, setup.budget))
         steps = min(QUICK_STEPS, setup.training.steps)

@@ -29,7 +29,7 @@ from refusals import changed, filled, records
 from training import tiny
 
 import impact_gym as ig
-from agents import archive, load_policy, load_setup
+from agents import archive, check, load_policy, load_setup
 from agents.baselines import PaperTrapezoid, load_baseline
 from agents.policies import Ensemble, Policy
 from agents.policies.policy import FORMAT
@@ -71,7 +71,7 @@ def altered_set(line, pattern, instead):
 
 def set_up_file(text="", **tree):
     Path("bad.toml").write_text(text or tomli_w.dumps(tree))
-    load_setup("bad.toml")
+    return load_setup("bad.toml")
 
 
 def report(own=None, out="out", **options):
@@ -155,6 +155,7 @@ def blow(approach=None, **given):
 
 CALLS = {
     "impact-gym report": report, "report of own scenarios": report,
+    "impact-gym check": lambda **tree: [*check.lines(set_up_file(**tree))],
     "set-up file": set_up_file, "policy file": policy_file, "no policy file": file_of("policy.npz", load_policy),
     "Ensemble": lambda sizes, chosen: Ensemble(
         [made_up_policy(seed + 1, sizes=each) for seed, each in enumerate(sizes)], chosen),

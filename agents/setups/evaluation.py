@@ -10,7 +10,7 @@ from agents.setups.keys import known, table, within
 from impact_gym.scene import SpringDamper
 from impact_gym.task import ScenarioRanges, Task, evaluation_sets
 from impact_gym.task.task import ARGUMENTS
-from impact_gym.validation import distinct, number, numbers, whole
+from impact_gym.validation import distinct, interval, number, numbers, whole
 
 WEIGHTS = (0.7, 1.0, 2.0, 4.0)  # m/s per s, default time weights
 RESERVED = ("time_weight", "privileged", "max_episode_steps")
@@ -80,12 +80,9 @@ class Evaluation:
                 raise ValueError(f"evaluation.{name} must hold weights, got {content[name]!r}")
         if "typical" in content:
             given["typical"] = number("evaluation.typical", content["typical"], "m/s per s", above=0)
-        if not isinstance(given.get("set", ""), str):
-            raise ValueError(f"evaluation.set must be a name, got {given['set']!r}")
         count = evaluation_sets.load(given.get("set", cls.set)).count
         scenarios = whole("evaluation.scenarios", given.get("scenarios", min(cls.scenarios, count)), at_least=2)
-        if scenarios > count:
-            raise ValueError(f"evaluation.scenarios must be at most {count}, the size of the set, got {scenarios}")
+        number("evaluation.scenarios", scenarios, "-", at_most=count)
         for name, values in table(content, "varied", "evaluation.").items():
             list(changes(name, values, environment, strict=True))
         return cls(**{"varied": usual(environment, robot), **given, "scenarios": scenarios})
@@ -152,7 +149,7 @@ def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool
     task = Task(**environment)
     given = {path: value for path, value in task.by_path().items() if path.partition(".")[0] in SET_UP_ARGUMENTS}
     if strict:
-        known("evaluation.varied.", [name], ["scenario", *given, *MAY_BE_NONE])
+        known("evaluation.varied.", [name], ["scenario", *(given | dict.fromkeys(MAY_BE_NONE))])
     if given.get(name) is None and name not in MAY_BE_NONE:
         return
     for value in listed:
@@ -161,8 +158,9 @@ def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool
             with within(where), warnings.catch_warnings(action="ignore", category=UserWarning):
                 other = None if value == "rigid" else value
                 if multiples:
-                    factor, own = number("times", value, "-", above=0), given[name]
-                    other = [factor * end for end in own] if isinstance(own, (list, tuple)) else factor * own
+                    factor, own = number("times", value, "-", above=0), given.get(name)
+                    ends = interval(f"times multiplies {name}, which", own, "(in the set-up)")
+                    other = [factor * end for end in ends] if isinstance(own, (list, tuple)) else factor * ends[0]
                 varied = task.changed({name: other})
         except ValueError:
             if strict:

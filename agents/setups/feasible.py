@@ -3,13 +3,16 @@
 from collections.abc import Iterator
 from itertools import product
 
+from impact_gym.quantities import EPISODE, QUANTITIES, SCENARIO, SET_UP
 from impact_gym.scene import Bistable
-from impact_gym.task import QUANTITIES, ObservationSpec, Task
+from impact_gym.task import ObservationSpec, Task
 from impact_gym.task.task import MOUNT_IDS
+from impact_gym.validation import unit_text
 
 OVERSHOOT = 2.0
 """Largest ratio of a compliant robot's acceleration to the commanded acceleration, if the robot is an undamped spring
 and the command jumps once. Several jumps at the robot's natural frequency can cause a larger ratio."""
+FAR = 5.0  # a number that leaves its range in an observation by a larger factor may have a wrong unit
 
 
 def warnings(task: Task) -> list[str]:
@@ -17,7 +20,13 @@ def warnings(task: Task) -> list[str]:
     (near, far), (least, most) = task.scenario.distance, task.acceleration_range
     observed = ObservationSpec(task).scale("position").high
     first_reading = task.longest("reaction_delay") + task.control_period
-    sentences = []
+    sentences, given = [], task.by_path() | task.ranges
+    for row in (QUANTITIES["velocity"], QUANTITIES["time_since_alarm"], *SCENARIO[:-1], *EPISODE, *SET_UP):
+        name, (start, end, *_), unit = row.scale.ends or row.id, row.scale, unit_text(row.unit)
+        low, high = (0.0, 0.0) if given.get(name) is None else row.interval(given[name])
+        if max(-low, high) > FAR * max(-start, end) or 0.0 < high < start / FAR:
+            value = f"{low:g} to {high:g}" if low < high else f"{low:g}"
+            sentences.append(f"{name} is {value} {unit}, expected is {start:g} to {end:g} {unit}: is the unit right?")
     if far > observed:
         sentences.append(
             f"objects stand up to {far:g} m ahead, but the observation ends at a flange position of {observed:g} m"

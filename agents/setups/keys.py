@@ -6,26 +6,31 @@ from contextlib import contextmanager
 from difflib import get_close_matches
 from typing import Any
 
+from impact_gym.quantities import SCENARIO
 from impact_gym.validation import shown
+
+MOVED = {f"environment.{row.id}": f"environment.scenario.{row.id}" for row in SCENARIO}  # wrong keys, and right ones
+MOVED |= {"environment.time_weight": "training.time_weight", "environment.privileged": "training.informed_critic"}
+MOVED["scenario"] = "environment.scenario"
 
 
 @contextmanager
 def within(place: str) -> Iterator[None]:
-    """Turn a TypeError or ValueError raised in the `with` block into a ValueError whose message begins with `place`."""
+    """Turn a Runtime-, Type- or ValueError of the `with` block into a ValueError whose message begins with `place`."""
     try:
         yield
-    except (TypeError, ValueError) as error:
+    except (RuntimeError, TypeError, ValueError) as error:
         raise ValueError(f"{place}: {error}") from error
 
 
-def known(prefix: str, given: Iterable[str], allowed: Iterable[str]) -> None:
-    """Raise ValueError for the first key that is not allowed."""
+def known(prefix: str, given: Iterable[str], allowed: Iterable[str], kind: str = "key") -> None:
+    """Raise ValueError for the first key, or name of another `kind`, that is not allowed."""
     names = sorted(allowed) if isinstance(allowed, (set, frozenset)) else list(allowed)
     for key in given:
         if key not in names:
-            nearest = get_close_matches(key, names, 1)
+            nearest = [MOVED[prefix + key]] if prefix + key in MOVED else get_close_matches(key, names, 1)
             meant = f"; did you mean {nearest[0]!r}?" if nearest else "."
-            raise ValueError(f"unknown key {prefix}{shown(key)[1:-1]}{meant} Known are {', '.join(names)}")
+            raise ValueError(f"unknown {kind} {prefix}{shown(key)[1:-1]}{meant} Known are {', '.join(names)}")
 
 
 def table(content: Mapping[str, Any], name: str, prefix: str = "") -> dict[str, Any]:

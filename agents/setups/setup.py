@@ -51,7 +51,7 @@ class Tuned(NamedTuple):
     scenarios: int = 300  # number of scenarios that each candidate plays in the search
 
 
-UNSAID = "unknown; to find out, run impact-gym report"
+UNSAID = "see the report: impact-gym controller also writes one, else run impact-gym report"
 
 
 @dataclass(frozen=True)
@@ -154,8 +154,7 @@ def _read(path: Path, extended: tuple[Path, ...] = ()) -> dict[str, Any]:
             if base in (*extended, path):
                 raise ValueError(f"extends must name a set-up that does not extend this one, got {name!r}")
             inherited = _read(base, (*extended, path))
-            for each in INHERITED:
-                content[each] = {**table(inherited, each), **table(content, each)}
+            content |= {each: {**table(inherited, each), **table(content, each)} for each in INHERITED}
     return content
 
 
@@ -215,7 +214,7 @@ def _mixed(given: Any, task: Task) -> tuple[tuple[float, Mapping[str, Any]], ...
         one_of(name, part, dict)
         known(f"{name}.", part, ("share", *SET_UP_ARGUMENTS))
         with within(name):
-            share = number("share", part.pop("share", None), "-", above=0, at_most=1)
+            share = number("share", part.pop("share", "nothing"), "-", above=0, at_most=1)
             ObservationSpec.of_rows([task, task.changed(part)])
         parts.append((share, part))
     return tuple(parts)
@@ -231,10 +230,10 @@ def _refuse_unknown(setup: Setup, given: Mapping[str, Any]) -> None:
             elif name != "curve" and not low <= weight <= high:  # the report omits such weights of `curve`
                 what = f"{weight:g} m/s per s, a default of evaluation.{name}"
                 raise ValueError(f"training.time_weight must include {what}, got {low:g} to {high:g} m/s per s")
-    baselines = {*setup.tuned, *shipped_baselines()}
-    known("baselines.against.", setup.against, {*baselines, *FIXED})  # only names: a set-up's file must not import code
-    known("training.teacher.", [setup.training.teacher], {"", *baselines, *FIXED})
-    known("baselines.bound.", [setup.bound], [setup.name, *shipped()])
+    baselines = {*setup.tuned, *shipped_baselines(), *FIXED}  # only names: a set-up's file must not import code
+    known("baselines.against.", setup.against, baselines, "name")
+    known("training.teacher.", [setup.training.teacher], {"", *baselines}, "name")
+    known("baselines.bound.", [setup.bound], [setup.name, *shipped()], "name")
 
 
 def _tuned(name: str, given: Any, task: Task) -> Tuned:

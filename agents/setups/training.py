@@ -116,7 +116,7 @@ class Training:
 
     def changed(self, changes: Mapping[str, Any]) -> Self:
         """Return the settings after `changes` (lists become tuples); ValueError: an unknown name or a wrong value."""
-        known("training.", changes, [item.name for item in fields(self)])
+        known("training.", changes, ["mixed", "seeds", *(item.name for item in fields(self))])  # two are for Setup
         settings: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in changes.items()}
         return replace(self, **settings)  # `__post_init__` checks them
 

@@ -89,8 +89,7 @@ class TrainingCallback(BaseCallback):
 
     def validate(self) -> Policy:
         """Play the validation set, save the policy if it is the best so far, and return the policy."""
-        steps = self.num_timesteps
-        policy = self._policy()
+        steps, policy = self.num_timesteps, self._policy()
         result = self.validation.score(policy)
         policy.provenance |= {"steps": steps, "validation": result}
         self.kept["curve"].append([steps, result["score"]])

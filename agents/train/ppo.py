@@ -186,8 +186,8 @@ def train(run: Run, out: Path | None = None) -> Path:
             print(f"warning: {sentence}")
     stamp = datetime.now(UTC).strftime("%Y%m%d-%H%M%S")
     folder = out or Path("runs") / f"{stamp}-{run.setup.name}-seed{run.seed}"
-    folder.mkdir(parents=True)
     record = {"command": run.command, **run.made_for(), **revision(), **circumstances(*PACKAGES)}
+    folder.mkdir(parents=True)
     write_file(folder / "config.json", json.dumps(record, indent=2) + "\n")
     return resume(folder)
 

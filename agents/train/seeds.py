@@ -41,8 +41,7 @@ def train_seeds(
         score = load_policy(folders[seed]).provenance["validation"]["score"]
         print(f"{setup.name}: seed {seed} scored {score:.4f} m/s", flush=True)
 
-    where: dict[str, Any] = {"processes": processes, "cluster": cluster, "title": setup.name}
-    cached(train_one, arguments, out / "results", done=fill, **where)
+    cached(train_one, arguments, out / "results", done=fill, title=setup.name, processes=processes, cluster=cluster)
     trained = [load_policy(folder) for folder in folders]
     return Ensemble(trained, median(trained).seed).save(policies / f"{setup.name}.npz")
 

@@ -78,10 +78,9 @@ class ReportOptions:
     machine. The module of each module:object must be installed on all nodes."""
 
     def __post_init__(self) -> None:
-        if self.count is not None:
-            whole("count", self.count, at_least=2)
-        if self.processes is not None:
-            whole("processes", self.processes, at_least=0)
+        for name, least in (("count", 2), ("processes", 0)):
+            if (value := getattr(self, name)) is not None:
+                whole(name, value, at_least=least)
         if self.time_weight is not None:
             number("time_weight", self.time_weight, "m/s per s", above=0)
         if self.setups and self.policy:
@@ -101,14 +100,15 @@ def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict
         environment = content.get("environment", {})
         with within(f"{path}: ranges"):
             ranges = pairs(content.get("ranges", "test"))
-        count = whole("count", count or content.get("count", 1000), at_least=2)
-        seed = whole("seed", content.get("seed", 2_000_000), at_least=0)
         with within(str(path)):
+            count = whole("count", count or content.get("count", 1000), at_least=2)
+            seed = whole("seed", content.get("seed", 2_000_000), at_least=0)
             Task.of("environment", environment)
         if reserved := sorted(set(environment) & {"scenario", *RESERVED}):
             raise ValueError(f"{path}: environment must not have {reserved}: the key ranges and the report set these")
         return {"ranges": ranges, "seed": seed, "count": count}, environment
-    frozen = evaluation_sets.load(source)
+    with within("scenarios, a fixed set or a JSON file of ranges"):
+        frozen = evaluation_sets.load(source)
     count = whole("scenarios", count or frozen.count, at_least=2)
     number("scenarios", count, "(no unit)", at_most=frozen.count)
     if (evaluation_sets.SHIPPED / f"{source}.csv").is_file():

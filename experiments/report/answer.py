@@ -25,7 +25,7 @@ class Answer:
     each: tuple[float, ...]  # `reduction` for each seed; empty if the front of a seed does not reach the paper's time
     reached: bool  # whether the policy's front reaches the paper's time; if not, `reduction` is at the nearest end
     later: float  # (t - paper's time) / paper's time, with t the nearest time on the front; 0 if `reached`
-    needed: float  # m/s per s, weight at which the extrapolated front reaches the paper's time; nan: not in 0.01 to 100
+    needed: float  # m/s per s, weight at which the front, or its extrapolation, has the paper's time, see `_needed`
     sooner: Estimate  # fraction by which the policy's mean time is below the paper's time, at the rule's mean V_p
     beyond: str  # "slower": all V_p of the front are below V_p of the rule; "faster": all are above; "": neither
     velocity: Estimate  # m/s, V_p of the policy at the paper's time, or at the nearest end of the front, see `reached`
@@ -39,7 +39,7 @@ class Answer:
 def answer(played: Played) -> Answer:
     """Return the answer, with intervals from resampled seeds and scenarios."""
     resamples = played.resamples
-    contestants = [played.paper], list(played.seeds.values()), [played.rival]
+    contestants = [played.paper], [*played.seeds.values()], [played.rival]
     paper, policy, rival = (front(resamples, runs) for runs in contestants)
     (times, velocities), time, velocity = policy, paper[0][0, 0], paper[1][0, 0]
     at_time, at_speed = Comparison.of_fronts(policy, paper), Comparison.of_fronts(policy[::-1], paper[::-1])
@@ -57,7 +57,7 @@ def answer(played: Played) -> Answer:
         each=tuple(reductions(played).tolist()),
         reached=bool(nearest == time),
         later=float(nearest / time - 1.0),
-        needed=_needed(played.policy.weights, times[0], time),
+        needed=_needed(played.policy.weights, times[0], time) if len(times[0]) > 1 else np.nan,
         sooner=at_speed.reduction,
         beyond="slower" if fastest < velocity else "faster" if slowest > velocity else "",
         velocity=estimate(at_time.ours),
@@ -70,9 +70,10 @@ def answer(played: Played) -> Answer:
 
 
 def _needed(weights: Sequence[float], times: Floats, time: float) -> float:
-    """Extrapolate times (k,) linearly in ln(weight); return the weight at `time`, nan if it is not in 0.01 to 100."""
-    order = np.argsort(weights)[-2:] if times.min() > time else np.argsort(weights)[:2]
-    (first, last), ends = np.log(np.asarray(weights)[order]), times[order]
+    """Return the weight at `time`, with times (k,) linear in ln(weight) at the nearest two; nan: not in 0.01 to 100."""
+    order = np.argsort(weights)  # times fall as weights rise
+    pair = order[np.clip(np.searchsorted(-times[order], -time) - 1, 0, len(order) - 2) :][:2]
+    (first, last), ends = np.log(np.asarray(weights)[pair]), times[pair]
     slope = (ends[1] - ends[0]) / (last - first)
     log = first + (time - ends[0]) / slope if slope < 0.0 else np.inf
     return float(np.exp(log)) if abs(log) < np.log(100.0) else np.nan
@@ -116,13 +117,17 @@ def sentence(answer: Answer, matchup: Matchup) -> str:
     if answer.beyond == "faster":
         text += "; at every weight the object leaves faster than with the paper's rule."
     else:
-        limit = "at least" if answer.sooner.value >= 0.0 else "at most"  # shown only if `beyond` is "slower"
-        bound = f"{limit} " if answer.beyond == "slower" else ""
-        text += f"; at the paper's V_p the approach takes {bound}{_compared(answer.sooner, 'less', 'more')} time."
+        text += f"; at the paper's V_p the approach takes {sooner(answer)} time."
     if answer.rival_reduction:
         change = _compared(answer.rival_reduction, "slower", "faster")
         text += f" With the best tuned baseline, {answer.rival}, the object leaves {change}."
     return begin + text + (f" Missed: {answer.missed} of {answer.episodes:,} objects." if answer.missed else "")
+
+
+def sooner(answer: Answer) -> str:
+    """Return `Answer.sooner` in words; if the front is slower than the rule at every weight, it is only a bound."""
+    bound = "at least " if answer.sooner.value >= 0.0 else "at most "
+    return bound * (answer.beyond == "slower") + _compared(answer.sooner, "less", "more")
 
 
 def at_rule_time(answer: Answer, played: Played) -> str:

@@ -13,7 +13,6 @@ from experiments.lab.parts import Table, percent
 from experiments.lab.statistics import Comparison, Estimate, Floats, estimate
 from experiments.report.matchups import PAPER, POLICY, Contestant
 from experiments.report.played import Played
-from impact_gym.task.scenario import NAMED
 
 SEED = 60_000_000  # first seed (for ranges: plus their seed); tuning, evaluation and shipped trainings use other seeds
 COUNT = 2000  # number of scenarios on which the choice is made, unless a table gives the scenarios
@@ -36,7 +35,7 @@ def scenarios(given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the scenarios of the choice: the table in `given`, or draws from its ranges with other seeds."""
     if "table" in given:
         return dict(given)
-    ranges = given["ranges"] if "ranges" in given else pairs(given["set"] if given["set"] in NAMED else "test")
+    ranges = given.get("ranges") or pairs({"validation": "test"}.get(given["set"], given["set"]))  # the same ranges
     return {"ranges": ranges, "seed": SEED + given.get("seed", 0), "count": COUNT}
 
 
@@ -69,9 +68,7 @@ def choice(played: Played) -> Choice:
               for each, word in plain.items()}  # fmt: skip
     less = "" if name == PAPER else f", {percent(below_rule)} less than the paper's rule"
     compared = [f"It costs V_p + {weight:g} T = {cost.value:.3f} m/s{less}"]
-    for each in dict.fromkeys((matchup.rival.name, matchup.chosen)):
-        if each in (name, PAPER):
-            continue
+    for each in (other for other in dict.fromkeys((matchup.rival.name, matchup.chosen)) if other not in (name, PAPER)):
         if above[each].low > 0.0:
             compared.append(f"{called[each]} {percent(above[each])} more")
         elif above[each].high < 0.0:
@@ -98,6 +95,6 @@ def table(result: Choice, played: Played) -> Table:
     caption = (
         f"The best choice is the simplest controller whose cost is not clearly above the lowest, on {drawn:,} "
         f"other scenarios (on these, if a CSV file gives them). The numbers are of these {played.count:,} scenarios, "
-        "with the median seed's policy and 95 % intervals over scenarios"
+        "with the median seed's policy (in the ablation: the mean of all seeds) and 95 % intervals over scenarios"
     )
     return Table(caption, head, rows)

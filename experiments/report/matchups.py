@@ -18,6 +18,7 @@ from agents.policies import Policy, load_ensemble, load_policy
 from agents.provenance import digest_of
 from agents.setups import TUNED, Setup, load_setup, shipped, shipped_baselines
 from agents.setups.evaluation import Evaluation
+from agents.setups.keys import within
 from impact_gym.task import ActionSpec, ObservationSpec, Task
 from impact_gym.validation import identifier, nearest, number
 
@@ -206,7 +207,8 @@ def of_policies(
         trained_in = {name: value for name, value in loaded.environment.items() if name != "time_weight"}
         arguments = {**trained_in, **changes}
         environment, of_environment = environment_and_scenarios(arguments, scenarios)
-        Policy(loaded.network, Task(**environment), {})  # raises ValueError if the network does not fit
+        with within(f"{path} with environment {[*changes]}"):
+            Policy(loaded.network, Task(**environment), {})  # raises ValueError if the network does not fit
         setup = next((setup for setup in map(load_setup, shipped()) if setup.describes(loaded.task)), None)
         called = path.parent.name if path.name in ("best.npz", "final.npz") else path.stem
         name = identifier("policy", re.sub(r"[^A-Za-z0-9.-]+", "-", called)[:100].strip("-.") or "policy")

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from experiments.lab.charts import OTHERS, SERIES
 from experiments.lab.parts import Picture, Table, percent
 from experiments.lab.statistics import Comparison, estimate, tolerated
-from experiments.report.answer import Answer, at_least
+from experiments.report.answer import Answer, at_least, sooner
 from experiments.report.matchups import BOUND, PAPER, POLICY
 from experiments.report.played import Played
 from impact_gym.task.task import VELOCITY_RANGE
@@ -17,13 +17,12 @@ LOOKS = (("-", "X"), ("-", "o"), ("--", "s"), (":", "D"), ("-.", "^"), ((0, (8, 
 def answered(answer: Answer, played: Played) -> Table:
     """Return the table of the answer, with intervals."""
     rival = "-" if answer.rival_reduction is None else percent(answer.rival_reduction)
-    sooner = {"": "", "slower": "at least ", "faster": "(not reached) "}[answer.beyond] + percent(answer.sooner)
     reduction = percent(answer.reduction) + ("" if answer.reached else " (at the nearest time of the policy)")
     body = [
         ("V_p lower at the paper's approach time", reduction),
         ("95 % of trainings: at least", at_least(answer)),
         (f"V_p lower there, {played.matchup.rival.plain}", rival),
-        ("less approach time at the paper's V_p", sooner),
+        ("approach time at the paper's V_p", "(not reached) " * (answer.beyond == "faster") + sooner(answer)),
         ("V_p at the paper's approach time (m/s)", f"{answer.velocity:.3f}"),
         ("share of scenarios with a lower V_p", percent(answer.improvement)),
         ("objects missed, at all weights", f"{answer.missed} of {answer.episodes:,}"),

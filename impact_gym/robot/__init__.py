@@ -61,7 +61,7 @@ def from_urdf(
 
     Warns:
         UserWarning: a link that the arm moves has inertia but no mass, so its inertia is left out; a joint outside
-            the arm mimics a joint of the arm, but is held at zero; a joint has limits beyond 10 rad or 100 m.
+            the arm mimics a joint of the arm, but is held at zero; a joint has limits beyond 10 rad or 10 m.
     """
     choice("inertia", inertia, ("given", "balanced"))
     one_of("path", path, str, Path)
@@ -87,9 +87,8 @@ def _per_joint(name: str, given: Any, count: int, rng: np.random.Generator, unit
         return np.full(count, number(name, given, unit, **limits))
     each = [given] * count if len(given) == 2 != count else given
     if len(each) != count:
-        raise ValueError(
-            f"{name} must be one number or pair, or {count} numbers or pairs (one per joint), in {unit}, got {given!r}"
-        )
+        allowed = f"one number or pair, or {count} numbers or pairs (one per joint), in {unit}"
+        raise ValueError(f"{name} must be {allowed}, got {given!r}")
     if not all(hasattr(pair, "__len__") and len(pair) == 2 for pair in each):
         return np.array(numbers(name, each, unit, **limits))
     low, high = (numbers(name, ends, unit, **limits) for ends in zip(*each, strict=True))

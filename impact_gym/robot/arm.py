@@ -59,7 +59,7 @@ class Arm:
         return arm
 
     def _place(self, angles: ArrayLike) -> None:
-        q = numbers("angles", angles, "rad")
+        q = numbers("angles", angles, "rad or m")
         if len(q) != self.count:
             raise ValueError(f"angles must be {self.count} numbers in rad (prismatic joints: m), got {angles!r}")
         self._data.qpos[:] = q
@@ -194,7 +194,7 @@ class Arm:
             ValueError: the arm cannot follow the line, an argument is invalid, or the stiffness along the line is so
                 low or so high that a unit is probably wrong.
         """
-        unit, angles, given = _unit(direction), np.array(numbers("start", start, "rad")), length
+        unit, angles, given = _unit(direction), np.array(numbers("start", start, "rad or m")), length
         if not hasattr(given, "__len__"):
             end = number("length", given, "m", above=0, at_most=LONGEST)
             given = np.linspace(0.0, end, max(int(np.ceil(end / SPACING - 1e-9)), 3) + 1)

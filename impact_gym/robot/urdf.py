@@ -22,7 +22,7 @@ from impact_gym.validation import number, unit_text
 
 UNITS = {"revolute": "rad", "continuous": "rad", "prismatic": "m"}
 """Types of movable joints that an arm may have, and the unit of each type's position."""
-MOST_MASS, MOST_INERTIA, FARTHEST, MOST_TURN = 1e6, 1e12, 100.0, 10.0
+MOST_MASS, MOST_INERTIA, FARTHEST, MOST_TURN = 1e6, 1e12, 10.0, 10.0
 """Largest absolute values allowed in a file, in kg, kg m^2, m and rad; larger joint limits only cause a warning."""
 MOST_JOINTS = 1000  # largest number of joints, because MuJoCo recurses from joint to joint
 Element = ElementTree.Element
@@ -156,7 +156,8 @@ def _numbers(what: str, of: Element | None, key: str, unit: str, missing: str, m
         raise ValueError(f"{what} must be {wanted} in {unit_text(unit)}, got {text!r}")
     for value in values:
         if abs(number(what, value, unit)) > most:
-            raise ValueError(f"{what} must be between -{most:g} and {most:g} {unit_text(unit)}, got {text!r}")
+            doubt = ": is the file in mm?" if unit == "m" else ""
+            raise ValueError(f"{what} must be between -{most:g} and {most:g} {unit_text(unit)}, got {text!r}{doubt}")
     return tuple(values)
 
 

@@ -31,6 +31,7 @@ def test_load_setup_finds_all_files_of_a_shipped_set_up(name):
     assert Run(setup, setup.training).task.arguments() == {**setup.environment, "time_weight": weights}
     assert {*setup.against} <= {*setup.tuned, *shipped_baselines(), *FIXED}
     assert all(owner(baseline) == setup for baseline in setup.tuned)
+    assert "is the unit right?" not in str(feasible.warnings(Run(setup, setup.training).task))
     setup.environment["tool_mass"] = 9.0
     assert load_setup(name).environment.get("tool_mass") != 9.0  # a caller cannot change the set-up of other callers
 
@@ -63,8 +64,7 @@ def test_variants_change_only_one_argument_each():
         elif change.argument == "tool_mass":
             assert task.tool_mass == pytest.approx(0.2 * change.value)
             assert task.drawn == own.drawn
-    missing = {"range_noise", "coupling.front_stop", "robot.stiffness"}
-    missing |= {name for name in VARIED if name.startswith("range_sensor")}
+    missing = {name for name in VARIED if name.startswith(("range_", "coupling.front_stop", "robot.stiffness"))}
     asked = {*VARIED, "coupling.stroke", "scenario"} - missing
     assert {change.argument for change in changed} == asked
 
@@ -131,6 +131,8 @@ GENTLE = {"coupling": ig.Bistable(), "acceleration_range": (1.0, 8.0)}
     ({"scenario": {"distance": (0.2, 1.7)}}, ["ends at a flange position of 0.75"]),
     ({"scenario": {"distance": (0.01, 0.3)}}, ["10 mm ahead: the tool can get there before the first reading"]),
     ({"coupling": ig.Bistable()}, ["holds the tool up to 8.38 m/s^2, the arm reaches 20 m/s^2: above 8.38"]),
+    ({"velocity_range": (-200.0, 600.0), "friction": (3.0, 30.0), "robot": ig.Robot(5.0, 80.0, 9.0)}, ["-200 to 600 m",
+     "friction is 3 to 30 (no unit), expected is 0 to 1 (no unit): is the unit", "robot.stiffness is 80 N/m, expecte"]),
     (GENTLE | {"robot": ig.Robot(5.0, 1e5, 50.0)}, ["m/s^2, and a compliant robot can overshoot to 2 times this"]),
 ], ids=str)  # fmt: skip
 def test_warnings_name_the_problems_of_some_episodes(environment, words):

@@ -96,8 +96,9 @@ def test_resume_reaches_the_same_result_during_and_after_imitation(tmp_path, imi
 def test_train_and_resume_do_not_change_a_finished_run(whole):
     before = {file.name: file.read_bytes() for file in whole.iterdir()}
     assert resume(whole) == whole
-    with pytest.raises(FileExistsError):
-        train(tiny(), whole)
+    for training, out in ((tiny(), whole), (tiny(teacher="nope"), whole / "nothing")):
+        with pytest.raises((FileExistsError, ValueError), match=r"exists|nope"):
+            train(training, out)
     assert {file.name: file.read_bytes() for file in whole.iterdir()} == before
 
 
