@@ -110,8 +110,7 @@ def _table(text: str, wanted: Mapping[str, Column], unnamed: Sequence[str]) -> T
         + ("" if scale else " without a unit")
         for name, (place, scale) in sources.items()
     )
-    used = {place for place, _ in sources.values()}
-    rest = [shown(head) for place, head in enumerate(heads) if place not in used]
+    rest = [shown(head) for place, head in enumerate(heads) if place not in dict(sources.values())]
     return columns, f"{said}; not used: {', '.join(rest)}" if rest else said
 
 
@@ -173,7 +172,8 @@ def _sources(
     words = _split(lines[between[0]], layout.separator) if between and not heads else []
     if len(words) > 1 and (layout.separator or len(words) == layout.least or any(_meaning(w, wanted) for w in words)):
         raise ValueError(f"line {between[0] + 1} must name the {layout.least} or more columns below it, "
-                         f"with known names ({allowed}), got {shown(lines[between[0]])}")  # fmt: skip
+                         f"with known names ({allowed}), got {shown(lines[between[0]])}"
+                         + ": are commas also decimal signs?" * (layout.separator == ","))  # fmt: skip
     if not heads and layout.least != len(unnamed):
         raise ValueError(f"{layout.least} columns must have names (known: {allowed}), got none")
     meanings = [_meaning(head, wanted) or ("", "") for head in heads] or [(name, "") for name in unnamed]

@@ -61,9 +61,9 @@ def parsed(
 
 def reason(error: Exception) -> str:
     """Return in one line why a file cannot be read."""
-    if isinstance(error, RecursionError):
-        return "it is nested too deeply"
-    return f"it has no {error}" if isinstance(error, KeyError) else " ".join(str(error).split())
+    if isinstance(error, (RecursionError, KeyError)):
+        return f"it has no {error}" if isinstance(error, KeyError) else "it is nested too deeply"
+    return " ".join(str(getattr(error, "strerror", None) or error).split())
 
 
 UNFINISHED = ".unfinished"

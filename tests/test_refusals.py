@@ -222,7 +222,7 @@ THINGS = {
     "log that stays at the bottom": {"time": TIME[: len(FLAT)], "force": FLAT}, "log of 5 samples": samples(np.s_[:5]),
     "log of two blows": {"time": TIME[0] + np.arange(2 * len(TIME)) / 4000.0, "force": np.tile(FORCE, 2)},
     "log of 8 samples": samples(np.s_[30:62:4]), "complex force": FORCE + 0j, "words": ["x"] * len(TIME),
-    "force in a column": FORCE[:, None],
+    "force in a column": FORCE[:, None], "other force": FORCE + 0.1 * NOISE, "backward": -VELOCITY / 100.0,
     "two links of which one can hardly turn": partial(arms.edited, old=arms.SHOULDER, new=r'\1"0.2" upper="0.4"'),
     "joint angles without the last place": APPROACH.joint_angles[:-1], "an approach": APPROACH,
     "joint angles without the last joint": APPROACH.joint_angles[:, :-1], "one approach": (APPROACH,),

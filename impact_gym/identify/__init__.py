@@ -10,6 +10,7 @@
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import combinations
 from typing import Any
 
 from impact_gym.identify import log as logs_of
@@ -53,10 +54,10 @@ def identify(
     """
     one_of("scene", scene, Scene)
     sources = list(log) if isinstance(log, (list, tuple)) else [log]
-    motions = motion_of_each(motion, len(sources))
     coordinates = free_coordinates(scene, free)
-    names = [f"log {k + 1}" for k in range(len(sources))] if len(sources) > 1 else ["log"]
+    names = [f"log {k + 1}" for k in range(len(sources))] if len(sources) != 1 else ["log"]
     logs = [logs_of.read(source, name) for source, name in zip(sources, names, strict=True)]
+    motions = motion_of_each(motion, logs)
     sensors = _by_column(sensor, [name for name in logs_of.UNITS if any(name in each.columns for each in logs)])
     lightest = {number.name: number.searched[0] for number in coordinates if number.name.endswith(".mass")}
     for each, imposed in zip(logs, motions, strict=True):
@@ -68,15 +69,18 @@ def identify(
     return Identified.of(*fit_with_intervals(model))
 
 
-def motion_of_each(motion: Trapezoid | Sequence[Trapezoid], count: int) -> list[Trapezoid]:
-    """Return the motion of each of `count` logs."""
-    motions: list[Any] = list(motion) if isinstance(motion, (list, tuple)) else [motion] * count
+def motion_of_each(motion: Trapezoid | Sequence[Trapezoid], logs: Sequence[logs_of.Log]) -> list[Trapezoid]:
+    """Return the motion of each log; refuse a log that is given twice."""
+    motions: list[Any] = list(motion) if isinstance(motion, (list, tuple)) else [motion] * len(logs)
     for imposed in motions:
         one_of("motion", imposed, Trapezoid)
-    if not count:
+    if not logs:
         raise ValueError("log must be a log, or a list of one or more, got an empty list")
-    if len(motions) != count:
-        raise ValueError(f"motion must be one Trapezoid, or one for each of {count} logs, got {len(motions)}")
+    if len(motions) != len(logs):
+        raise ValueError(f"motion must be one Trapezoid, or one for each of {len(logs)} logs, got {len(motions)}")
+    for one, other in combinations(logs, 2):
+        if [*map(bytes, one.columns.values())] == [*map(bytes, other.columns.values())]:
+            raise ValueError(f"{other.name} has the same samples as {one.name}: give each log once")
     return motions
 
 

@@ -89,7 +89,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         known = logs, scene, motions, options.free, sensors or None
         held_out = hold_out(*known) if options.hold_out else None
         result = identify(*known)
-        said = "\n".join([*(log.said for log in logs), str(result), *([str(held_out)] if held_out else [])])
+        used = {"tool_mass": f"{scene.tool.mass:g} kg", "coupling": scene.coupling}
+        notes = [f"default {key} used: {used[key]}" for key in used if key not in content["environment"]]
+        for speed in {m.speed: m for m in motions if m.speed**2 > 2.0 * m.acceleration * scene.object.distance}:
+            notes.append(f"motion.speed = {speed:g} m/s is not reached in {scene.object.distance:g} m: is it in mm/s?")
+        said = "\n".join([*(log.said for log in logs), *notes, str(result), *([str(held_out)] if held_out else [])])
         text = "\n".join(set_up(content, result, said))
         print(said if options.out else text)
         if options.out:

@@ -122,7 +122,7 @@ def _extra_blows(fit: Fit) -> str:
             more, blow = left[first : last + 1], signal[first : last + 1]
             extra += int(more.sum() > max(deviations * len(more) ** 0.5, share * blow.sum()))
         if extra and len(blows) > 1:
-            times = ", ".join(f"{log.time[first]:g}" for first, _ in blows)
+            times = ", ".join(f"{round(float(log.time[first]), 9)}" for first, _ in blows)
             return (f"{log.name} has {len(blows)} blows, at {times} s, but the fit has no more than "
                     f"{len(blows) - extra} of them: cut the log to one blow, or make a log of each blow")  # fmt: skip
     return ""
@@ -213,7 +213,7 @@ def _refit(fit: Fit, i: int, u: float, near: Point) -> Point:
 def profile(fit: Fit, i: int, side: int, begin: Point) -> float | None:
     """Move x[i] from `begin` down (`side` -1) or up (`side` 1) until misfit - least misfit is about quantile^2.
 
-    Return this x[i], or None if x[i] would leave `reach`.
+    Return this x[i], or after MAX_STEPS the nearest x[i] tried beyond it, or None if no x[i] tried was beyond it.
     """
     first, last = float(begin.x[i]), fit.model.free[i].reach[side > 0]
     inner, outer = (first, math.sqrt(max(begin.misfit - fit.misfit, 0.0) / fit.quantile**2), begin), None
@@ -233,6 +233,5 @@ def profile(fit: Fit, i: int, side: int, begin: Point) -> float | None:
         if outer is None:
             u = first + (u - first) * min(max(1.0 / max(t, 0.1), 1.2), 4.0)
         else:
-            share = (1.0 - inner[1]) / (outer[1] - inner[1])
-            u = inner[0] + (outer[0] - inner[0]) * min(max(share, 0.1), 0.9)
-    return u
+            u = inner[0] + (outer[0] - inner[0]) * min(max((1.0 - inner[1]) / (outer[1] - inner[1]), 0.1), 0.9)
+    return outer[0] if outer else None

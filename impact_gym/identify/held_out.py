@@ -88,7 +88,7 @@ def hold_out(
                              f" the first log has {', '.join(columns)}")  # fmt: skip
     if not {"force", "object_velocity"} & columns:
         raise ValueError(f"hold-out needs a column force or object_velocity, got {', '.join(columns)}")
-    motions = motion_of_each(motion, len(logs))
+    motions = motion_of_each(motion, logs)
     fits = [identify(logs[half::2], scene, motions[half::2], free, sensor) for half in (0, 1)]
     measured = [_quantities(each, fits[0]) for each in logs]
     predictions = []

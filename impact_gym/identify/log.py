@@ -35,8 +35,9 @@ MAX_ACCELERATION = 1e6  # m/s^2, largest absolute acceleration in a log
 MAX_SPEED_RATIO = 10.0  # largest ratio of an absolute velocity in a log to the speed of the imposed motion
 MAX_STEP = 0.05  # s, largest median time between successive samples
 MAX_GAP = 1.5  # if a step exceeds this many median steps, samples were lost or one sample was late, see `Log.lost`
-MAX_LOST = 3  # largest number of successive lost samples
+MAX_LOST = 3  # largest number of samples lost in three successive steps
 MIN_SWING = 10.0  # in a blow, max - min of at least one column exceeds this many standard deviations of its noise
+PUSHED = "force", "object_velocity", "flange_velocity"  # columns that are positive in a blow
 LEAST_IMPULSE = 0.03  # least ratio of measured impulse to the impulse of a plastic impact, see `_refuse_other_force`
 FLAT_SAMPLES = 3  # a saturated column stays at its largest or least value for at least this number of samples
 
@@ -87,16 +88,16 @@ def read(source: Any, name: str) -> Log:
     time = columns.pop("time")
     steps = np.diff(time)
     usual = float(np.median(steps))
-    if np.any(steps <= 0.0):
-        k = int(np.argmax(steps <= 0.0))
-        raise ValueError(f"{name}, time must increase, got {time[k]:g} s and then {time[k + 1]:g} s at sample {k + 1}")
+    for k in np.flatnonzero(steps <= 0.0).tolist():
+        one, other = (round(t, 9) for t in time[k : k + 2].tolist())
+        raise ValueError(f"{name}, time must increase, got {one} s and then {other} s at sample {k + 1}")
     if usual > MAX_STEP:
         raise ValueError(f"{name}, time must have steps of at most {MAX_STEP:g} s, got {usual:g} s: is it in ms?")
     log = Log(name, time, columns)
     if log.lost.max() > MAX_LOST:
         k = int(np.argmax(log.lost))
-        raise ValueError(f"{name}, time must have no gaps of more than {MAX_LOST} samples; steps are {usual:g} s, but "
-                         f"{steps[k]:g} s lie between samples {k} and {k + 1}, at {time[k]:g} s")  # fmt: skip
+        raise ValueError(f"{name}, time must have at most {MAX_LOST} samples lost in three steps, got {log.lost[k]} at "
+                         f"samples {k}, {k + 1}, at {round(float(time[k]), 9)} s; a step is {usual:g} s")  # fmt: skip
     if not said:
         return log
     rate, count = 1.0 / log.step, int(log.lost.sum())
@@ -107,6 +108,7 @@ def read(source: Any, name: str) -> Log:
 
 def check(log: Log, scene: Scene, motion: Trapezoid, sensors: Mapping[str, Sensor]) -> None:
     """Raise ValueError if a log cannot be a blow in `scene`. In `scene` each free mass has its least searched value."""
+    noise = {name: max(noise_of(values, sensors[name]), 1e-12) for name, values in log.columns.items()}
     for name, values in log.columns.items():
         what = f"{log.name}, {name}"
         limits = {"N": (MAX_FORCE, "mN"), "m/s": (MAX_SPEED_RATIO * motion.speed, "mm/s")}
@@ -119,7 +121,9 @@ def check(log: Log, scene: Scene, motion: Trapezoid, sensors: Mapping[str, Senso
         if rate is not None and not 0.99 < rate * log.step < 1.01:
             raise ValueError(f"{what} has {1 / log.step:g} samples per s, but Sensor.rate of {name} is {rate:g} Hz")
         _refuse_clipped(log, name)
-    noise = {name: max(noise_of(values, sensors[name]), 1e-12) for name, values in log.columns.items()}
+        least, most = np.array([values.min(), values.max()]) - level(values, sensors[name])
+        if name in PUSHED and sensors[name].bias != "estimated" and -least > max(most, MIN_SWING / 2.0 * noise[name]):
+            raise ValueError(f"{what} must be above 0 {unit} in a blow, got {least:g} {unit}: is its sign reversed?")
     if not any(float(np.ptp(values)) > MIN_SWING * noise[name] for name, values in log.columns.items()):
         raise ValueError(f"{log.name} has no blow: no column of {', '.join(log.columns)} rises above the noise")
     if "force" in log.columns:
@@ -133,21 +137,17 @@ def tool_mass(scene: Scene) -> float:
 
 
 def _refuse_other_force(log: Log, scene: Scene, motion: Trapezoid, sensor: Sensor) -> None:
-    """Raise ValueError if the impulse is too small, or if (with a known bias) the sensor is pulled more than pushed."""
+    """Raise ValueError if the impulse of the force is too small."""
     force = log.columns["force"] - level(log.columns["force"], sensor)
-    most, least = float(force.max()), float(force.min())
-    if sensor.bias != "estimated" and -least > most:
-        raise ValueError(f"{log.name}, force must be above 0 N in a blow, got {least:g} N: is its sign reversed?")
     speed = min(motion.speed, math.sqrt(2.0 * motion.acceleration * scene.object.distance))
     usual = speed / (1.0 / tool_mass(scene) + 1.0 / scene.object.mass)
     blows = bursts(log.columns["force"], sensor)
     impulse = log.step * sum(float(force[first : last + 1].sum()) for first, last in blows)
     if 0.0 < impulse < LEAST_IMPULSE * usual:
-        raise ValueError(
-            f"{log.name}, force must have an impulse of at least {LEAST_IMPULSE * usual:.3g} N s (a tool of"
-            f" {scene.tool.mass:g} kg and an object of {scene.object.mass:g} kg have about {usual:.3g} N s at {speed:g}"
-            f" m/s), got {impulse:.3g} N s: is it in kN? If not, is object.mass or tool.mass smaller?"
-        )
+        raise ValueError(f"{log.name}, force must have an impulse of at least {LEAST_IMPULSE * usual:.3g} N s (a tool "
+                         f"of {scene.tool.mass:g} kg and an object of {scene.object.mass:g} kg have about {usual:.3g} "
+                         f"N s at {speed:g} m/s), got {impulse:.3g} N s: is it in kN? If not, is object.mass or "
+                         "tool.mass smaller?")  # fmt: skip
 
 
 def _refuse_clipped(log: Log, name: str) -> None:
@@ -159,7 +159,6 @@ def _refuse_clipped(log: Log, name: str) -> None:
             beside = [side * (end - values[k]) for k in (first - 1, last + 1) if 0 <= k < len(values)]
             flat = last - first + 1 >= FLAT_SAMPLES and len(beside) == 2 and min(beside) > 3.0 * resolution.min()
             if flat and end != 0.0:
-                raise ValueError(
-                    f"{log.name}, {name} is saturated: it stays at {end:g} {UNITS[name]} from {log.time[first]:g} to"
-                    f" {log.time[last]:g} s; record the blow with a larger range of the sensor"
-                )
+                one, other = (round(t, 9) for t in log.time[[first, last]].tolist())
+                raise ValueError(f"{log.name}, {name} is saturated: it stays at {end:g} {UNITS[name]} from {one} "
+                                 f"to {other} s; record the blow with a larger range of the sensor")  # fmt: skip

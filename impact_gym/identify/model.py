@@ -203,8 +203,7 @@ class Model:
         """Return the bias of each sample (n,)."""
         bias = np.zeros(self.samples)
         for (k, name), slot in self.slots.items():
-            known = self.sensors[name].bias
-            bias[slot] = x[self.bias_places[k, name]] if known == "estimated" else known
+            bias[slot] = x[self.bias_places[k, name]] if (k, name) in self.bias_places else self.sensors[name].bias
         return bias
 
     def scales(self) -> Array:

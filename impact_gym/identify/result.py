@@ -10,15 +10,16 @@ import numpy as np
 from scipy.special import chdtrc, fdtrc, ndtri  # scipy.stats would double the import time of this package
 
 from impact_gym.identify.fit import Ends, Fit
-from impact_gym.identify.log import UNITS
+from impact_gym.identify.log import FLAT_SAMPLES, UNITS
 from impact_gym.identify.model import RESTITUTION
-from impact_gym.identify.sensor import Array
+from impact_gym.identify.sensor import Array, runs
 from impact_gym.quantities import BY_PATH
 from impact_gym.scene import Scene
 from impact_gym.simulation import simulate
 
 WIDE_RATIO = 2.0  # an interval is wide if its larger end exceeds this times its smaller end (absolute values)
 WIDE_RESTITUTION = 0.3  # the restitution's interval is wide if its length exceeds this
+FAR = 100.0  # a number is far from its guess if it differs by this factor or more, less twice its standard deviation
 MIN_CORRELATION = 0.95  # two numbers are not separated if |correlation| exceeds this and an interval of the two is wide
 
 FALSE_ALARM = 1e-4  # probability that one test of the residuals rejects a correct model
@@ -38,7 +39,7 @@ class Identified:
     correlation: Array  # (k, k), of the coordinates (see `model`) of the k free numbers, in the order of `estimate`
     scene: Scene  # the given scene with the estimates
     indistinguishable: tuple[str, ...]  # sentences on what the logs do not determine
-    warnings: tuple[str, ...]  # sentences on how the model does not fit the logs; each was also given as a UserWarning
+    warnings: tuple[str, ...]  # doubts about the fit, the logs or the guess; each was also given as a UserWarning
     start: tuple[float, ...]  # s, for each log: start of the motion, on the log's clock
     noise: Mapping[str, float]  # standard deviation of each column's noise, known or estimated, in the column's unit
     bias: tuple[Mapping[str, float], ...]  # for each log: bias of each column, known or estimated, in the column's unit
@@ -52,10 +53,8 @@ class Identified:
         covariance = fit.covariance[: len(free), : len(free)]
         deviations = np.sqrt(np.diag(covariance))
         correlation = covariance / np.outer(deviations, deviations)
-        interval: dict[str, Interval] = {}
-        for number, (u_low, u_high) in zip(free, ends, strict=True):
-            low, high = sorted((number.end(u_low, -1), number.end(u_high, 1)))
-            interval[number.name] = (low, high)
+        both = [(number.end(low, -1), number.end(high, 1)) for number, (low, high) in zip(free, ends, strict=True)]
+        interval = {number.name: (min(pair), max(pair)) for number, pair in zip(free, both, strict=True)}
         doubts = tuple(misfits(fit))
         for doubt in doubts:
             warnings.warn(doubt, stacklevel=3)
@@ -97,30 +96,41 @@ class Identified:
 
     def __str__(self) -> str:
         lines = []
-        for name, value in self.estimate.items():
-            low, high = self.interval[name]
-            estimate = _with_unit(self.scene, name, f"{value:.6g}")
+        for (name, value), (low, high) in zip(self.estimate.items(), self.interval.values(), strict=True):
             sure = "unreliable interval" if self.warnings else "95 % in"
-            lines.append(f"{name} = {estimate}, {sure} {low:.6g} to {high:.6g}")
+            lines.append(f"{_with_unit(self.scene, name, f'{name} = {value:.6g}')}, {sure} {low:.6g} to {high:.6g}")
         for (i, first), (j, second) in combinations(enumerate(self.estimate), 2):
             lines.append(f"correlation of {first} and {second}: {self.correlation[i, j]:.2f}")
         return "\n".join([*lines, *self.indistinguishable, *self.warnings])
 
 
 def misfits(fit: Fit) -> Iterator[str]:
-    """Yield a sentence for each test that the residuals fail.
+    """Yield a sentence for each number far from its guess (other than the contact's), and for each test that fails.
 
-    Tested: 1. If the bias is known, the mean before the touch is 0 (normal distribution). 2. The mean square after the
-    touch does not exceed the variance before (Fisher's F). 3. The mean square does not exceed a known variance of the
-    noise (chi-squared). 4. The residuals are white noise (Ljung and Box, Biometrika 65, 1978). `tool_velocity` has only
-    tests 3 and 4. Not tested: `flange_velocity`, and columns whose noise is below the sensor's resolution.
+    Residuals: 1. If the bias is known, the mean before the touch is 0 (normal distribution). 2. The mean square after
+    the touch does not exceed the variance before (Fisher's F). 3. The mean square does not exceed a known variance of
+    the noise (chi-squared). 4. They are white noise (Ljung and Box, Biometrika 65, 1978). `tool_velocity` has only 3
+    and 4; `flange_velocity`, and columns whose noise is below the sensor's resolution, have none. 5. A force or an
+    acceleration stays at its extreme no longer than the fit stays within the sensor's resolution of its own extreme.
     """
     model = fit.model
     scene, left = model.scene_at(fit.x), -fit.model.residuals(fit.x)
+    for number, u, deviation in zip(model.free, fit.x, fit.deviations, strict=False):
+        guess = number.start(model.scene)
+        if abs(u - guess) - 2.0 * deviation > np.log(FAR) and not number.name.startswith("contact."):
+            words = f"{number.name} is {number.number(u):.3g}, but its guess is {number.number(guess):.3g}"
+            yield f"{_with_unit(scene, number.name, words)}: are the units of the log and of the guess right?"
     for (k, name), slot in model.slots.items():
         log, rest, unit = model.logs[k], left[slot], UNITS[name]
         noise, n = model.noise[name], len(rest)
-        if noise < np.diff(np.unique(log.columns[name])).min(initial=np.inf) or name == "flange_velocity":
+        resolution = np.diff(np.unique(log.columns[name])).min(initial=np.inf)
+        for side in (1.0, -1.0) if "velocity" not in name else ():
+            y, fitted = side * log.columns[name], side * (log.columns[name] - noise * rest)
+            first, last = max(runs(y == y.max()), key=np.ptp)
+            longest = max(np.sum(fitted > fitted.max() - resolution), FLAT_SAMPLES - 1)
+            if y[first] and last - first >= longest and fitted[first : last + 1].max() > y[first] + resolution / 2.0:
+                yield f"{log.name}, {name} stays at {side * y[first]:g} {unit}, longer than the fit: is it saturated?"
+        if noise < resolution or name == "flange_velocity":
             continue
         at = log.time - fit.x[len(model.free) + k]
         contacts = simulate(scene, model.motions[k], max(float(at[-1]), log.step)).contacts
@@ -131,9 +141,11 @@ def misfits(fit: Fit) -> Iterator[str]:
             limit = -float(ndtri(FALSE_ALARM / 2.0)) * spread / len(before) ** 0.5
             if abs(mean) > limit and model.sensors[name].bias != "estimated":
                 yield (f"{log.name}, {name} has a mean of {mean * noise:.3g} {unit} before the touch: the sensor was "
-                       'probably not tared; give its bias, or Sensor(bias="estimated")')  # fmt: skip
-            ratio = float(np.mean(behind**2)) / spread**2 if len(behind) else 0.0
-            if fdtrc(len(behind), len(before) - 1, ratio) < FALSE_ALARM:
+                       'probably not tared; give its bias, or bias = "estimated"')  # fmt: skip
+            ratio = float(np.mean(behind**2)) / spread**2 if len(behind) and spread else 0.0
+            if not spread:
+                yield f"{log.name}, {name} is constant before the touch: a dead band of the sensor may hide its noise"
+            elif fdtrc(len(behind), len(before) - 1, ratio) < FALSE_ALARM:
                 yield (f"{log.name}, {name}: from the touch on, the residuals are {ratio**0.5:.3g} times the noise "
                        "before the touch: is something missing in the scene or the sensor?")  # fmt: skip
         if model.sensors[name].noise is not None and chdtrc(n, float(np.sum(rest**2))) < FALSE_ALARM:

@@ -197,10 +197,8 @@ def race(model: Model, starts: Sequence[Array]) -> list[Point]:
         least = min((point.misfit for point in points), default=math.inf)
         good = {id(point) for point in as_good(model, points)}
         gaps = [(1.0 - MIN_GAP_REDUCTION) * (misfit - least) for misfit in before]
-        points = distinct(model, [
-            point for point, gap in zip(points, gaps, strict=True)
-            if point.is_minimum or id(point) in good or point.misfit - least < gap
-        ])  # fmt: skip
+        points = distinct(model, [point for point, gap in zip(points, gaps, strict=True)
+                                  if point.is_minimum or id(point) in good or point.misfit - least < gap])  # fmt: skip
     return points
 
 

@@ -84,9 +84,7 @@ class Sensor(Parameters):
         moving = np.flatnonzero(values)
         begin = time[moving[0] - 1] if len(moving) and moving[0] else time[0]
         swings = np.arange(begin, at[-1], 0.5 / self.cell.frequency) if self.cell else np.empty(0)
-        nodes = np.unique(np.concatenate([
-            time[(time >= begin) & (time <= at[-1])], at[at >= begin], [begin], swings,
-        ]))  # fmt: skip
+        nodes = np.unique(np.r_[time[(time >= begin) & (time <= at[-1])], at[at >= begin], begin, swings])
         now, value, slope = signal(within), np.zeros(len(at)), np.zeros(len(at))
         for share, pace in lags:
             lagging = np.interp(at, nodes, _filtered(signal, nodes, pace, time[-1]), left=0.0)

@@ -66,15 +66,16 @@ def test_friction_of_the_set_up_is_that_of_the_object():
 
 def test_set_up_is_printed_and_a_number_of_the_coupling_may_be_free(identify, tmp_path, capsys):
     with pytest.warns(UserWarning, match="csv.*force"):  # the object is four times lighter than the file says
-        identify("--free", "contact.stiffness", "coupling.stiffness")
-    (tmp_path / "printed.toml").write_text(capsys.readouterr().out)
+        identify("--free", "contact.stiffness", "coupling.stiffness", change=("tool_mass = 0.125", ""))
+    (tmp_path / "printed.toml").write_text(printed := capsys.readouterr().out)
+    assert "# default tool_mass used: 0.125 kg\n# contact" in printed
     stiffness = load_setup(tmp_path / "printed.toml").environment["coupling"]["stiffness"]
     assert stiffness == 150.0 or stiffness[0] < stiffness[1]
 
 
 def test_hold_out_prints_predictions_and_writes_them_beside_the_set_up(identify, capsys):
-    slow = log(TRUTH, motion=SLOW, seed=1)
-    logs, speeds = [slow, log(TRUTH, seed=2), slow], ("speed = 1.0", "speed = [1.0, 0.5, 1.0, 0.5]")
+    slow = [log(TRUTH, motion=SLOW, seed=seed) for seed in (1, 3)]
+    logs, speeds = [slow[0], log(TRUTH, seed=2), slow[1]], ("speed = 1.0", "speed = [1.0, 0.5, 1.0, 0.5]")
     with pytest.warns(UserWarning, match="force"):  # the log has another stiffness and mass than the file
         folder = identify("--free", "contact.restitution", "--hold-out", logs=logs, change=speeds)
     comments, _, rest = capsys.readouterr().out.partition("\ntitle")
