@@ -32,14 +32,13 @@ class ReactingRule(Rule):
 
     def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
         """Return velocity (m/s) and acceleration (m/s^2): the reaction's while the alarm is on, else the profile's."""
-        least, fastest = ranges_for(self.task)["m/s^2"]
-        most = self[ACCELERATION.name] if ACCELERATION in self.PARAMETERS else fastest
+        most = self[ACCELERATION.name] if ACCELERATION in self.PARAMETERS else ranges_for(self.task)["m/s^2"][1]
         speed, velocity, period = self.profile(view), view["velocity"], self.task.control_period
         position = view[self.OVER] if self.OVER == "position" else -view[self.OVER]
         reach = np.asarray(most) * period
         ahead = np.clip(speed(position + velocity * period), velocity - reach, velocity + reach)
         target = speed(position + 0.5 * (velocity + ahead) * period)
-        acceleration = np.clip(np.abs(target - velocity) / period, least, most)
+        acceleration = np.clip(np.abs(target - velocity) / period, ACCELERATION_RANGE[0], most)
         after = interpolate(TIMES, self.columns(REACTION[0].name, len(TIMES)), view["time_since_alarm"])
         fast = self["acceleration after the alarm"]
         return np.where(view.alarm, after, target), np.where(view.alarm, fast, acceleration)
