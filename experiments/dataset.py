@@ -90,17 +90,17 @@ class DatasetOptions:
 
 def players(name: str, setup: Setup) -> Players:
     """Return a function that makes the player `name` (see `DatasetOptions.who`); ValueError: no such player."""
-    tuned = setup.against[0] if name == "profile" and setup.against else name
+    wanted = {"rule": "paper-trapezoid", "profile": (*setup.against, name)[0]}.get(name, name)
     if name == "policy":
         policy = load_policy(setup.name if setup.shipped else setup.folder / "policies" / f"{setup.name}.npz")
         return lambda _: policy
     spec: dict[str, Any]
-    if name == "rule" or name in FIXED:
-        spec = {"baseline": "paper-trapezoid" if name == "rule" else name}
-    elif ":" in name:
-        spec = {"object": name}
-    elif tuned in setup.tuned or tuned in shipped_baselines():
-        spec = {"tuned": read_tuned(tuned, setup=setup)}
+    if wanted in FIXED:
+        spec = {"baseline": wanted}
+    elif ":" in wanted:
+        spec = {"object": wanted}
+    elif wanted in setup.tuned or wanted in shipped_baselines():
+        spec = {"tuned": read_tuned(wanted, setup=setup)}
     else:
         names = ", ".join(dict.fromkeys((*PLAYERS, *setup.tuned, *FIXED)))
         raise ValueError(f"who must be one of {names}, another tuned baseline or module:object, got {name!r:.80}")

@@ -219,7 +219,7 @@ FROZEN = "frozen where the object stands"
 
 
 def _simpler_models(line: Approach | None) -> Iterator[tuple[str, Callable[[Scene], Scene]]]:
-    """Yield each simpler model's name and the function that simplifies a scene; a `line` gives the robots' tables."""
+    """Yield name and simplifying function of each simpler model; `line`: an arm's approach, not `Scene.robot`."""
     robots: dict[str, Any] = {"robot rigid": None}
     if line is None:
         robots = {"": "its own", f"robot {FROZEN}": "its own", **robots}

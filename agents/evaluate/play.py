@@ -25,7 +25,7 @@ from agents.baselines import Clairvoyant, RandomActions
 from agents.baselines.rule import ANY, Rule
 from agents.baselines.tuned import load_baseline, tuned_rule
 from agents.evaluate.scenario_batch import MEASURED, ScenarioBatch
-from agents.policies import Controller, Ensemble, Policy
+from agents.policies import Controller, Ensemble
 from agents.policies.policy import FORMAT
 from impact_gym.task import ScenarioRanges, Task, evaluation_sets
 from impact_gym.task.evaluation_sets import EvaluationSet
@@ -111,9 +111,7 @@ def controller_of(spec: Mapping[str, Any], time_weight: float, task: Task | None
     return controller
 
 
-@lru_cache(maxsize=64)
-def _policy(content: str) -> Policy:
-    return Ensemble.unpacked(*unpacked(base64.b64decode(content), FORMAT))[None]
+_policy = lru_cache(maxsize=64)(lambda content: Ensemble.unpacked(*unpacked(base64.b64decode(content), FORMAT))[None])
 
 
 def _object(name: str) -> Controller:

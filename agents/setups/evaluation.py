@@ -130,7 +130,7 @@ def variants(evaluation: Evaluation, environment: Mapping[str, Any]) -> list[Cha
 
 
 def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool = False) -> Iterator[Change]:
-    """Yield the changes of one argument. Without `strict`, invalid values are left out. An unknown set is an error."""
+    """Yield the changes of one argument. Without `strict`, invalid values are left out, but not unknown sets."""
     where = f"evaluation.varied.{name}"
     multiples = isinstance(values, Mapping)
     if multiples:

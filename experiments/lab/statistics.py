@@ -92,7 +92,7 @@ def along(curve_x: Floats, curve_y: Floats, at: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A measure of two contestants, each an array (1 + n,): entry 0 for the sample, n for resamples common to both."""
+    """A measure of two contestants, as arrays (1 + n,): first of the sample, then of n resamples common to both."""
 
     ours: Floats
     theirs: Floats

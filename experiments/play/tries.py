@@ -20,7 +20,7 @@ from impact_gym.task.episodes import EpisodeState
 
 LATE, MOST_LATE = 4e-3, 0.02  # s, limit of |`Try.late`|; share of steps that may exceed this limit in a valid try
 TRACE_POINTS = 1 << 18
-BEND = 1e-13  # m/s, largest velocity error of `corners`
+BEND = 1e-13  # m/s; the velocity error of `corners` is at most twice this
 ROUNDING = 1e-6  # allowed rounding error of times, as a fraction of a control period
 
 
@@ -62,7 +62,7 @@ def replayed(this: Try) -> tuple[Trace, dict[str, Any], Task, EpisodeState]:
 
 
 def corners(trace: Trace) -> ig.Motion:
-    """Return the commanded motion of a trace, with a piecewise linear velocity within BEND of the trace."""
+    """Return the commanded motion of a trace, with a piecewise linear velocity within 2 BEND of the trace."""
     times, velocities = [0.0], [0.0]
     low, high, before = -math.inf, math.inf, (0.0, 0.0)
     for time, velocity in zip(trace.time.tolist(), trace.command_velocity.tolist(), strict=True):

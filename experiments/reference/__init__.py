@@ -16,7 +16,7 @@ from experiments.reference.chain import Chain
 from experiments.reference.integration import SOLVERS
 from experiments.reference.motion import ContactRecord, Motion
 
-STIFF_RATES = 1e5  # limit of (largest rate of a stop) * duration; above the limit, flight needs an implicit method
+STIFF_RATES = 1e5  # limit of `Chain.stop_decay` (1/s) * duration (s); above this limit, flight needs an implicit method
 
 
 @dataclass(frozen=True)

@@ -84,7 +84,7 @@ class Motion:
         return float((self.past_impulse + scales.force * scales.time * self._y[6]) / self.chain.m_p)
 
     def over(self) -> bool:
-        """Return True only if the command is at rest, no contact is under way, and none can follow."""
+        """Return True only if the command is at rest, no contact is under way, and none can follow; see `task_of`."""
         x_r, v_r, a, cut = self.command.at(self.t)
         if self.touching or v_r or a or cut < inf:  # there is a contact, or the command moves now or later
             return False

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from experiments.reference.chain import Chain
 from experiments.reference.command import Command
 from experiments.reference.motion import Motion
+from impact_gym.scene import Bistable
 from impact_gym.task import ObservationSpec, Task, evaluation_sets
 from impact_gym.task.episodes import first_uniforms
 from impact_gym.task.scenario import FIELDS
@@ -81,6 +82,8 @@ def task_of(options: Mapping[str, Any]) -> Task:
         raise ValueError(f"the reference supports a number as reaction_delay, not a range, got {task.reaction_delay}")
     if task.drawn:
         raise ValueError(f"the reference supports fixed numbers, not ranges, got ranges of {list(task.drawn)}")
+    if task.friction and (task.robot or isinstance(task.coupling, Bistable) or getattr(task.coupling, "stroke", None)):
+        raise ValueError("the reference supports friction only with a rigid robot and a coupling without stops")
     return task
 
 

@@ -24,7 +24,7 @@ from experiments.report.matchups import Matchup, of_policies, of_setup
 from impact_gym.files import locked, parsed, whole_file, write_file
 from impact_gym.sources import compiled_from
 from impact_gym.task import Task, evaluation_sets
-from impact_gym.validation import number, whole
+from impact_gym.validation import distinct, number, whole
 
 RESULTS = "results.json"
 MARK = ".impact_gym"  # lock file; a report may be written to a new or empty folder, or to a folder with this file
@@ -123,8 +123,7 @@ def matchups_of(options: ReportOptions) -> list[Matchup]:
         scenarios, changes = scenarios_from(options.scenarios or "test", options.count)
         return of_policies(options.policy, options.baseline, scenarios, changes, options.time_weight)
     setups = list(map(load_setup, options.setups or README))
-    if len({setup.name for setup in setups}) < len(setups):
-        raise ValueError(f"two set-ups have the same name: rename or leave out one of {', '.join(options.setups)}")
+    distinct("names of set-ups", [setup.name for setup in setups])
     matchups = []
     for setup in setups:
         count = options.count or (setup.evaluation.scenarios if options.scenarios is None else None)

@@ -49,7 +49,7 @@ def numbers_of(tasks: Sequence[Task]) -> dict[str, str]:
 
 
 class Infos:
-    """Layouts of infos: an index into a list of values for each name. The methods replace the indices by the values."""
+    """The nested dicts of infos, with an index in place of each value. The methods replace the indices by values."""
 
     def __init__(self, tasks: Sequence[Task]) -> None:
         """Find where EPISODE holds the numbers; `tasks` has one task for all rows, or one for each row."""

@@ -90,7 +90,7 @@ cdef inline double mechanism_energy(const Mechanism *law, double stretch) noexce
 
 
 cdef inline (double, double) mechanism_floor(const Mechanism *law, int side) noexcept nogil:
-    """Return a lower bound (J) of the energy on `side` of the alignment, and the energy there (inf if linear)."""
+    """Return a lower bound (J) of the energy on a side of the alignment, and the energy at the alignment (J)."""
     cdef double barrier = spring_energy(law, 0.0), F = law.stiffness * (law.free_length - law.height)
     if law.linear:
         return 0.0, INFINITY

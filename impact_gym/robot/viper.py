@@ -59,7 +59,8 @@ def default_line(arm: Arm) -> Approach:
     def misfit(place: Array) -> Array:
         x, z = map(float, place)
         at_impact = arm.reduction(angles_at(arm, x, 0.0, z, "horizontal"), (1.0, 0.0, 0.0))
-        return np.array([at_impact["held"], at_impact["stiffness"]]) / (MASS_AT_IMPACT, STIFFNESS_AT_IMPACT) - 1
+        wanted = MASS_AT_IMPACT, STIFFNESS_AT_IMPACT
+        return np.array([at_impact["held"], at_impact["stiffness"]]) / wanted - 1
 
     solution = root(misfit, [0.56, 0.28], method="hybr", options={"xtol": 1e-13})
     if np.max(np.abs(solution.fun)) > 1e-11:

@@ -8,7 +8,7 @@ cdef double LARGEST_STEP = 1.0  # same unit; a longer step is tried only if it c
 cdef double OVERSHOOT = 1e3
 
 cdef enum:
-    TRACE_POINTS = 8  # number of trace points in a step of a contact; 1.5 times as many in a series step
+    TRACE_POINTS = 8  # number of trace points in a step of a contact; 1.5 times as many in a step by Taylor series
     EVENTS_IN_TURN = 20  # number of events to try in turn as the end of a step, before a shorter step is tried
 
 

@@ -78,7 +78,7 @@ cdef struct Episode:  # drawn numbers, state and results of an episode
     double slide, rest_time  # m, s, see `Chain`; inf without friction, and before the episode terminates
     double done_time  # s, end of the last control step so far
     double taken  # ratio of `withheld_way` to `commanded_way` so far, see `Link`
-    double late  # s, both mean delays + reaction time: expected time from a touch until a model's stop reaches the arm
+    double late  # s, mean delays of both channels + the reaction time of the operator's model
 
 
 cdef struct Packet:  # a command, and the packet that the arm sends to the display at the same time

@@ -61,7 +61,10 @@ def failures(rows: pl.DataFrame) -> pl.DataFrame:
 
 
 def agreement(storm: pl.DataFrame, truths: pl.DataFrame) -> pl.DataFrame:
-    """Return the scenes that the independent solver solved; `apart`: V_p or `passes` differs, or our solver failed."""
+    """Return the scenes that the independent solver solved.
+
+    The column `apart` is true if V_p or the number of snap-throughs (`passes`) differs, or if our solver failed.
+    """
     true = {f"true_{name}": name for name in ("velocity", "contacts", "passes")}
     empty = pl.DataFrame(schema=dict.fromkeys(true.values(), pl.Float64))  # for the columns, if no scene was solved
     known = pl.concat([truths.filter(FINISHED), empty], how="diagonal_relaxed").select("scene", **true)
