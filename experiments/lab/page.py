@@ -37,7 +37,7 @@ MACROS: Mapping[type, str] = {  # the macro in lab/parts.html.jinja for each typ
 def write(folder: Path, template: str, **content: Any) -> Path:
     """Write `folder`/index.html from a template below experiments/, and return the path of the page.
 
-    The template can use the names in `content` (the list `runs` must be one), the filter `typeset`, the module `player`.
+    The template can use `content` by its names (`runs` must be a list in it), filter `typeset`, module `player`.
     `image(picture)` writes `folder`/NAME.svg and returns a URI; `macro_name(part)` returns the name of a part's macro.
     """
 
