@@ -21,7 +21,7 @@ SLOWEST = 1e-9  # m/s; a rule divides by the operator's speed, or by this number
 CLOCK = 1e-6  # s, tolerance in comparisons of observed times
 USUAL: Mapping[str, Range] = {"m/s": VELOCITY_RANGE, "m/s^2": ACCELERATION_RANGE}
 """Default ranges of velocity and acceleration, by unit."""
-ANY: Mapping[str, Range] = {"m/s": (-math.inf, math.inf), "m/s^2": (0.0, math.inf)}
+ANY: Mapping[str, Range] = {"m/s": (-math.inf, math.inf), "m/s^2": (0.0, math.inf)}  # ranges without limits
 
 
 class Parameter(NamedTuple):

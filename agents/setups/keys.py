@@ -16,7 +16,7 @@ MOVED["scenario"] = "environment.scenario"
 
 @contextmanager
 def within(place: str) -> Iterator[None]:
-    """Turn a Runtime-, Type- or ValueError of the `with` block into a ValueError whose message begins with `place`."""
+    """Turn a RuntimeError, TypeError or ValueError of the `with` block into a ValueError that begins with `place`."""
     try:
         yield
     except (RuntimeError, TypeError, ValueError) as error:

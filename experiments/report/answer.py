@@ -31,7 +31,7 @@ class Answer:
     velocity: Estimate  # m/s, V_p of the policy at the paper's time, or at the nearest end of the front, see `reached`
     rival: str  # name of the main baseline if it is tuned, else ""
     rival_reduction: Estimate | None  # `reduction` of the rival; None: it is untuned, or always later than the rule
-    improvement: Estimate  # at about the rule's time: share of scenarios with a touch and a lower V_p; equal: half
+    improvement: Estimate  # share of scenarios touched with a lower V_p than by the rule, at about its time; ties: half
     missed: int  # missed objects in all episodes (all seeds, all weights)
     episodes: int  # number of these episodes
 

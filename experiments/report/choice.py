@@ -14,7 +14,7 @@ from experiments.lab.statistics import Comparison, Estimate, Floats, estimate
 from experiments.report.matchups import PAPER, POLICY, Contestant
 from experiments.report.played import Played
 
-SEED = 60_000_000  # first seed (for ranges: plus their seed); tuning, evaluation and shipped trainings use other seeds
+SEED = 60_000_000  # first seed (a seed of ranges is added); tuning, evaluation and shipped trainings use other seeds
 COUNT = 2000  # number of scenarios on which the choice is made, unless a table gives the scenarios
 
 
