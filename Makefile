@@ -40,7 +40,7 @@ report: $(SMALL)  ## compare the policies and baselines of four set-ups, or of S
 play: $(PLAYED)  ## steer the tool in the browser, SETUP=teleop-spring ASSIST=none
 	$(BIN)/impact-gym play $(SETUP) $(if $(ASSIST),--assist $(ASSIST))
 
-test: setup  ## run the tests; OPTIONS="-m storm" runs the long ones
+test: setup  ## run the tests; OPTIONS="-m slow" runs the long ones
 	$(PYTEST) $(OPTIONS)
 
 setup: $(WHOLE)  ## make .venv and install everything that is pinned

@@ -1,6 +1,6 @@
 import pytest
+from browser_pages import chromium
 from own_set_up import TEXT
-from pages import chromium
 
 
 @pytest.fixture

@@ -19,9 +19,9 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 import pytest
-from commands import MODULES, read_options, read_printed
-from pages import chromium, opened
-from scenes import MOTION, scene
+from browser_pages import chromium, opened
+from printed_commands import MODULES, read_options, read_printed
+from solver_scenes import MOTION, scene
 
 import impact_gym as ig
 from agents.policies import SHIPPED

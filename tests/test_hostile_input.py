@@ -12,13 +12,13 @@ from itertools import zip_longest
 import gymnasium as gym
 import numpy as np
 import tomli_w
-from episodes import ID, all_finite, begin
+from episode_runs import ID, all_finite, begin
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made_up_policies import made_up_policy
 from own_set_up import TEXT
-from policies import made_up_policy
-from recorder import FORCE, MOTION, SCENE, SCENE_FILE, TIME
-from tasks import EVERYTHING_DRAWN, STORM
+from random_tasks import EVERYTHING_DRAWN, STORM
+from recorded_hits import FORCE, MOTION, SCENE, SCENE_FILE, TIME
 
 import impact_gym as ig
 from agents import archive, load_policy, load_setup

@@ -13,9 +13,9 @@ from html import unescape
 import numpy as np
 import pytest
 import tomli_w
+from made_up_policies import made_up_policy
 from own_set_up import TEXT
-from policies import made_up_policy
-from refusals import refused
+from refusal import refused
 
 from agents import archive, load_policy, load_setup
 from agents.export.c_header import header, identifier

@@ -6,7 +6,7 @@ with the text; tests/experiments/test_paper_study.py asserts its verdicts.
 """
 
 import pytest
-from scenes import BOTH
+from solver_scenes import BOTH
 
 import impact_gym as ig
 from experiments.lab.scenes import DURATION, MOTION, scene

@@ -17,16 +17,16 @@ from itertools import product
 from pathlib import Path
 from pkgutil import resolve_name
 
-import arms
 import gymnasium as gym
+import made_up_arms
 import numpy as np
 import pytest
 import tomli_w
-from episodes import ID, assert_identical, begin, encode
-from policies import made_up_policy
-from recorder import FLAT, FORCE, MOTION, NOISE, SCENE, SCENE_FILE, TIME, put, write_log
-from refusals import changed, filled, records
-from training import tiny
+from episode_runs import ID, assert_identical, begin, encode
+from made_up_policies import made_up_policy
+from recorded_hits import FLAT, FORCE, MOTION, NOISE, SCENE, SCENE_FILE, TIME, put, write_log
+from refusal import changed, filled, records
+from tiny_training import tiny
 
 import impact_gym as ig
 from agents import archive, check, load_policy, load_setup
@@ -137,14 +137,14 @@ def identify_main(changes, text="", words=()):
     identify_command(["log.csv", "--scene", "my.toml", *words])
 
 
-def arm(make=arms.rods, base="base", tip="tip", **options):
-    return from_urdf(make(Path()), base, tip, **arms.ELASTIC | options)
+def arm(make=made_up_arms.rods, base="base", tip="tip", **options):
+    return from_urdf(make(Path()), base, tip, **made_up_arms.ELASTIC | options)
 
 
 def urdf(old="", new="", joint=(), more="", **options):
-    more = arms.joint(*joint) if joint else more
+    more = made_up_arms.joint(*joint) if joint else more
     old, new = ("</robot>", f"{more}</robot>") if more else (old, new)
-    arm(partial(arms.edited, old=old, new=new), **options)
+    arm(partial(made_up_arms.edited, old=old, new=new), **options)
 
 
 def blow(approach=None, **given):
@@ -178,7 +178,7 @@ CALLS = {
     "file of delays": file_of("delays.csv", lambda name: ig.Channel(trace=Path(name))),
     "log file": file_of("log.csv", lambda name: ig.identify(name, SCENE, MOTION, ("contact.stiffness",))),
     "impact-gym identify": identify_main, "URDF": urdf, "altered evaluation set": altered_set,
-    "file that is no URDF": file_of("arm.urdf", lambda name: from_urdf(name, "base", "tip", **arms.ELASTIC)),
+    "file that is no URDF": file_of("arm.urdf", lambda name: from_urdf(name, "base", "tip", **made_up_arms.ELASTIC)),
     "impact-gym play": lambda setup="teleop-rigid", **options: playing.work(playing.Play(setup, open=False, **options)),
     "played set-up": lambda **tree: [set_up_file(**tree), playable("bad.toml")],
     "DesignOptions": lambda **options: DesignOptions(out=Path(), **options).checked(), "from_urdf": arm,
@@ -205,7 +205,7 @@ THINGS = {
     "5 zeros": np.zeros(5), "7 zeros": np.zeros(7, np.float32), "8 nan": np.full(8, np.nan),
     "3 x 8 zeros": np.zeros((3, 8)), "2 x 9 zeros": np.zeros((2, 9)), "2 False": np.zeros(2, bool),
     "3 True": np.ones(3, bool), "2 ones": np.ones(2, int), "numbers as objects": np.array([0.0, 0.5], object),
-    "a complex number": np.array([0.0, 0.5j]), "two slides": arms.slides,
+    "a complex number": np.array([0.0, 0.5j]), "two slides": made_up_arms.slides,
     "gzip": gzip.compress(b"<robot/>", mtime=0), "Latin-1": '<robot name="ä"/>'.encode("latin-1"),
     "a pickle": b"\x80\x04", "an array's file": saved(lambda file: np.save(file, np.zeros(3))),
     "a zip of no arrays": saved(lambda file: zipfile.ZipFile(file, "w").writestr("header.npy", "not an array")),
@@ -223,12 +223,14 @@ THINGS = {
     "log of two blows": {"time": TIME[0] + np.arange(2 * len(TIME)) / 4000.0, "force": np.tile(FORCE, 2)},
     "log of 8 samples": samples(np.s_[30:62:4]), "complex force": FORCE + 0j, "words": ["x"] * len(TIME),
     "force in a column": FORCE[:, None], "other force": FORCE + 0.1 * NOISE, "backward": -VELOCITY / 100.0,
-    "two links of which one can hardly turn": partial(arms.edited, old=arms.SHOULDER, new=r'\1"0.2" upper="0.4"'),
+    "two links of which one can hardly turn": partial(made_up_arms.edited, old=made_up_arms.SHOULDER,
+                                                      new=r'\1"0.2" upper="0.4"'),
     "joint angles without the last place": APPROACH.joint_angles[:-1], "an approach": APPROACH,
     "joint angles without the last joint": APPROACH.joint_angles[:, :-1], "one approach": (APPROACH,),
     "two approaches": (APPROACH, APPROACH), "a servo": all_joints.Servo(), "the paper's rule": PaperTrapezoid(),
     "a set-up": load_setup("rigid-blind"),
-    "that of another arm": lambda _: arm(arms.slides, joint_stiffness=1e5).along((0.0, 0.0), (1.0, 0.5, 0.0), 0.2),
+    "that of another arm":
+    lambda _: arm(made_up_arms.slides, joint_stiffness=1e5).along((0.0, 0.0), (1.0, 0.5, 0.0), 0.2),
     "the same from elsewhere": lambda line: replace(line, start=line.start + 0.01),
 }  # fmt: skip
 """Values that TOML has no notation for."""

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import COUPLINGS, MOTION, ROBOTS, scene
-from tasks import STORM
+from random_tasks import STORM
+from solver_scenes import COUPLINGS, MOTION, ROBOTS, scene
 
 import impact_gym as ig
 from impact_gym.quantities import BY_PATH

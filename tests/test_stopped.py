@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 from cluster_work import kept
-from episodes import assert_identical
-from training import left as left_by_training
+from episode_runs import assert_identical
+from tiny_training import left as left_by_training
 
 from agents import load_policy
 
@@ -57,7 +57,7 @@ def left(folder):
     return content
 
 
-@pytest.mark.parametrize("name", ["tune", *(pytest.param(k, marks=pytest.mark.storm) for k in ("train", "report"))])
+@pytest.mark.parametrize("name", ["tune", *(pytest.param(k, marks=pytest.mark.slow) for k in ("train", "report"))])
 def test_command_continues_after_a_full_disk_and_a_kill_and_reaches_the_same_bits(name, mine, tmp_path):
     part, whole = tmp_path / "part", tmp_path / "whole"
     part.mkdir()

@@ -6,8 +6,8 @@ import json
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import ID, assert_identical, play
-from refusals import refused
+from episode_runs import ID, assert_identical, play
+from refusal import refused
 
 from agents import load_setup
 from agents.baselines import BlindProfile, Clairvoyant, ConstantSpeed, OperatorAlone, PaperTrapezoid, Ranged, tuned

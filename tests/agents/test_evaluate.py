@@ -7,9 +7,9 @@ import subprocess
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import ID, Always, assert_identical, play
-from policies import made_up_policy
-from refusals import refused
+from episode_runs import ID, Always, assert_identical, play
+from made_up_policies import made_up_policy
+from refusal import refused
 
 from agents import load_policy, load_setup, provenance
 from agents.baselines import ConstantSpeed, PaperTrapezoid, load_baseline

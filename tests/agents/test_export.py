@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from policies import KINDS, made_up_policy, observations
-from refusals import refused
+from made_up_policies import KINDS, made_up_policy, observations
+from refusal import refused
 
 from agents import load_policy, load_setup
 from agents.export import __main__ as exporting

@@ -7,8 +7,8 @@ from itertools import product
 
 import numpy as np
 import pytest
-from episodes import assert_identical
-from policies import made_up_policy
+from episode_runs import assert_identical
+from made_up_policies import made_up_policy
 
 from agents import load_setup
 from agents.baselines.rule import ranges_for

@@ -14,7 +14,7 @@ import cluster_work
 import numpy as np
 import pytest
 from cluster_work import calls, fails_on, kept, numbers
-from episodes import assert_identical
+from episode_runs import assert_identical
 
 from agents import jobs
 from agents.command_line import progress
@@ -44,7 +44,7 @@ if __name__ == "__main__":
 SOURCES = {"PYTHONPATH": os.pathsep.join(map(str, (ROOT / "tests" / "helpers", ROOT)))}  # instead of installed ones
 
 
-@pytest.mark.storm
+@pytest.mark.slow
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
 def test_killed_command_leaves_no_process(log, tmp_path, how):
     """Every process holds the pipe. Stored results are tested in tests/test_stopped.py."""
@@ -77,7 +77,7 @@ def test_lost_process_fails_only_the_call_that_it_ran(log, tmp_path):
     assert calls(log) == [7]
 
 
-@pytest.mark.storm
+@pytest.mark.slow
 def test_ray_results_equal_local_ones_to_the_bit(tmp_path):
     pytest.importorskip("ray", reason="the extra `cluster` is not installed")
     of_another_cluster = ("RAY_ADDRESS", "RAY_RUNTIME_ENV_HOOK")

@@ -8,9 +8,9 @@ import pickle
 
 import numpy as np
 import pytest
-from episodes import assert_identical
-from policies import KINDS, made_up_policy, observations
-from refusals import refused
+from episode_runs import assert_identical
+from made_up_policies import KINDS, made_up_policy, observations
+from refusal import refused
 
 from agents import load_policy, load_setup
 from agents.policies import SHIPPED, Ensemble, load_ensemble

@@ -9,9 +9,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import tomli_w
-from episodes import Given, play
-from refusals import refused
-from scenes import scene
+from episode_runs import Given, play
+from refusal import refused
+from solver_scenes import scene
 
 import impact_gym as ig
 from agents import check, load_setup

@@ -8,9 +8,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
-from policies import observations
+from made_up_policies import observations
 from stable_baselines3.common.logger import Logger
-from training import tiny
+from tiny_training import tiny
 
 from agents import load_setup
 from agents.baselines import PaperTrapezoid

@@ -6,11 +6,11 @@ import shutil
 
 import numpy as np
 import pytest
-from episodes import assert_identical
+from episode_runs import assert_identical
 from own_set_up import change
-from refusals import refused
+from refusal import refused
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
-from training import interrupted, left, rows, tiny
+from tiny_training import interrupted, left, rows, tiny
 
 import impact_gym as ig
 from agents import load_policy, load_setup

@@ -9,8 +9,8 @@ from multiprocessing import get_context
 
 import numpy as np
 import pytest
-from episodes import Always
-from refusals import refused
+from episode_runs import Always
+from refusal import refused
 
 from agents import load_setup, tune
 from agents.baselines import Clairvoyant, ConstantSpeed, LocalBrake, PaperTrapezoid

@@ -15,9 +15,9 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import ID, SLOTS, action_table, assert_identical, begin
-from scenes import COUPLINGS, MOTION, scene
-from tasks import EVERYTHING_DRAWN
+from episode_runs import ID, SLOTS, action_table, assert_identical, begin
+from random_tasks import EVERYTHING_DRAWN
+from solver_scenes import COUPLINGS, MOTION, scene
 
 import impact_gym as ig
 from experiments.studies import stock

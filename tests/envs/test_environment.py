@@ -8,7 +8,7 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import ID, PAPERS_SPRING, ROBOT, Always, Given, encode, play, scenes_of, steps
+from episode_runs import ID, PAPERS_SPRING, ROBOT, Always, Given, encode, play, scenes_of, steps
 
 import impact_gym as ig
 from agents import load_policy

@@ -11,15 +11,15 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import stable_baselines3.common.env_checker as sb3_checker
-from episodes import COMMANDED, ID, IDS, TELEOP, Given, action_table, assert_identical, begin, steps
+from episode_runs import COMMANDED, ID, IDS, TELEOP, Given, action_table, assert_identical, begin, steps
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from refusals import refused
+from random_tasks import CHANNEL, FIXED, OBSERVED, OWN, STORM, rows_of_tasks
+from refusal import refused
 from stable_baselines3.common.vec_env import DummyVecEnv
-from tasks import CHANNEL, FIXED, OBSERVED, OWN, STORM, rows_of_tasks
 
 import impact_gym as ig
 from impact_gym.envs.batch import ROWS_PER_THREAD

@@ -5,12 +5,12 @@ from itertools import repeat
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import Given, action_table, assert_identical, begin, steps
+from episode_runs import Given, action_table, assert_identical, begin, steps
 from gymnasium.spaces import Box
 from gymnasium.utils.env_checker import check_env
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tasks import FIXED, STORM, rows_of_tasks
+from random_tasks import FIXED, STORM, rows_of_tasks
 
 from impact_gym.envs.objectives import MOImpactApproachVectorEnv
 from impact_gym.envs.vector import ImpactApproachVectorEnv

@@ -6,7 +6,7 @@ from dataclasses import fields
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import AWAY, OWN, STOP, TELEOP, Given, played, scene, sent, steered, steps
+from episode_runs import AWAY, OWN, STOP, TELEOP, Given, played, scene, sent, steered, steps
 from scipy.signal import lsim
 
 import impact_gym as ig

@@ -5,10 +5,10 @@ from functools import partial
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import ID, Given, action_table, assert_identical, begin
-from episodes import play as play_with
-from refusals import refused
-from tasks import EVERYTHING_DRAWN, STEERED_DRAWN
+from episode_runs import ID, Given, action_table, assert_identical, begin
+from episode_runs import play as play_with
+from random_tasks import EVERYTHING_DRAWN, STEERED_DRAWN
+from refusal import refused
 
 import impact_gym as ig
 from impact_gym.envs.vector import ImpactApproachVectorEnv

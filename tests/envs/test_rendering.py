@@ -9,10 +9,23 @@ from types import SimpleNamespace
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import ARM, ID, OWN, ROBOT, TELEOP, Given, action_table, assert_identical, begin, encode, steps, task_of
-from episodes import IDS as APPROACHES
+from episode_runs import (
+    ARM,
+    ID,
+    OWN,
+    ROBOT,
+    TELEOP,
+    Given,
+    action_table,
+    assert_identical,
+    begin,
+    encode,
+    steps,
+    task_of,
+)
+from episode_runs import IDS as APPROACHES
 from gymnasium.utils.env_checker import check_env
-from tasks import EVERYTHING_DRAWN
+from random_tasks import EVERYTHING_DRAWN
 
 import impact_gym as ig
 from agents.baselines import PaperTrapezoid

@@ -3,9 +3,9 @@
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import ARM, ID, OWN, ROBOT, Always, Given, action_table, assert_identical, encode, play, steps
+from episode_runs import ARM, ID, OWN, ROBOT, Always, Given, action_table, assert_identical, encode, play, steps
+from random_tasks import RANGE_SENSOR
 from scipy import stats
-from tasks import RANGE_SENSOR
 
 import impact_gym as ig
 from agents.baselines import BlindProfile, PaperTrapezoid

@@ -6,11 +6,11 @@ from itertools import cycle, islice
 import gymnasium as gym
 import numpy as np
 import pytest
-import scenes
-from episodes import ID, PAPERS_SPRING, ROBOT, Given, all_finite, play, scenes_of
+import solver_scenes
+from episode_runs import ID, PAPERS_SPRING, ROBOT, Given, all_finite, play, scenes_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tasks import STORM, rows_of_tasks
+from random_tasks import STORM, rows_of_tasks
 
 import impact_gym as ig
 from agents.baselines import ConstantSpeed, PaperTrapezoid
@@ -44,7 +44,7 @@ def test_settled_velocity_is_that_of_a_minute_later(family):
     task = {"coupling": coupling, "robot": robot, "scenario": scenario, "alarm_threshold": 1e-3}
     episodes = ScenarioBatch(SEED, count, Task(**task), lenient=True).play(RULE)  # not settled counts as missed
     assert (episodes.contact_count > 0).all()
-    chain = scenes.scene(coupling=coupling, robot=robot)
+    chain = solver_scenes.scene(coupling=coupling, robot=robot)
     paths = ("object.mass", "contact.stiffness", "contact.restitution", "object.distance")
     columns = dict(zip(paths, episodes.scenario.values(), strict=True))
     later = ig.sweep(chain, MOTION, columns, duration=60.0)
@@ -74,7 +74,7 @@ def test_papers_rule_on_rough_ground_has_velocity_slide_and_rest_time_of_simulat
     batch, late = ScenarioBatch(0, 12, Task(coupling=coupling, friction=friction, rtol=1e-11)), []
     played = batch.play(PaperTrapezoid())
     for row, struck in enumerate(scenes_of(played, coupling, friction=friction)):
-        outcome = ig.simulate(struck, scenes.MOTION, 5.0, rtol=1e-11)
+        outcome = ig.simulate(struck, solver_scenes.MOTION, 5.0, rtol=1e-11)
         assert played.object_velocity[row] == pytest.approx(outcome.peak_object_velocity, rel=1e-9)
         assert played.slide[row] == pytest.approx(outcome.slide, rel=1e-7)
         late.append(played.rest_time[row] - outcome.rest_time)

@@ -5,10 +5,10 @@ import math
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import AWAY, GENTLE, OWN, STOP, TELEOP, final, played, scene, sent, steered
-from refusals import refused
-from scenes import log_uniform
-from tasks import CHANNEL, STEERED_DRAWN
+from episode_runs import AWAY, GENTLE, OWN, STOP, TELEOP, final, played, scene, sent, steered
+from random_tasks import CHANNEL, STEERED_DRAWN
+from refusal import refused
+from solver_scenes import log_uniform
 
 import impact_gym as ig
 from impact_gym.envs import IDS

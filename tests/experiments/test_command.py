@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_up_policies import made_up_policy
 from own_set_up import change
-from policies import made_up_policy
-from refusals import refused
+from refusal import refused
 from scipy.stats import ttest_1samp
 
 from agents.command_line import command_line, command_of, read_command
@@ -140,7 +140,7 @@ def test_copy_setup_keeps_a_folder_for_its_set_up(mine, tmp_path):
     refused(lambda: copy_setup(load_setup(mine), mine), "out must be a folder")
 
 
-@pytest.mark.storm
+@pytest.mark.slow
 def test_controller_goes_from_a_file_to_a_controller_and_keeps_what_is_done(mine, tmp_path, exit_of, capsys):
     out = tmp_path / "out"
     words = ("controller", str(mine), "--out", str(out), "--quick")
@@ -168,7 +168,7 @@ def test_controller_goes_from_a_file_to_a_controller_and_keeps_what_is_done(mine
     assert "time_weight must be" in exit_of(*words, "--time-weight", "99")
 
 
-@pytest.mark.storm
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", ["desk-arm", "gantry", "ranging-wrist"])
 def test_recommended_controller_is_the_best_on_unseen_scenarios_or_within_its_interval(arm, tmp_path, exit_of):
     out, own = tmp_path / "out", load_setup(Path(__file__).parents[1] / "arms" / f"{arm}.toml")

@@ -11,8 +11,8 @@ import h5py
 import numpy as np
 import pytest
 import tomli_w
-from playing import pushed
-from refusals import refused
+from play_client import pushed
+from refusal import refused
 
 from agents.setups import load_setup
 from experiments.play import try_files

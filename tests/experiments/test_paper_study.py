@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pages import text_of_a_page_that_stands_on_its_own
+from browser_pages import text_of_a_page_that_stands_on_its_own
 
 import impact_gym as ig
 from experiments.lab import scenes

@@ -5,7 +5,7 @@ import json
 
 import numpy as np
 import pytest
-from pages import opened, stands_on_its_own
+from browser_pages import opened, stands_on_its_own
 
 from agents import load_policy
 from agents.baselines import PaperTrapezoid

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
+from browser_pages import opened, stands_on_its_own
 from cluster_work import kept
-from commands import read_printed
-from pages import opened, stands_on_its_own
+from printed_commands import read_printed
 
 from agents.baselines import PaperTrapezoid
 from agents.baselines.tuned import load_baseline

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
-from contest import COUNT, PAPER_TIME, SPEEDS, played, run
+from made_up_matchup import COUNT, PAPER_TIME, SPEEDS, played, run
 
 from agents.setups import load_setup
 from experiments.report import answer, choice, holds, tables

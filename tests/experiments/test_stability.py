@@ -5,9 +5,9 @@ import math
 import numpy as np
 import polars as pl
 import pytest
-from pages import text_of_a_page_that_stands_on_its_own
-from scenes import COUPLINGS, MOTION, ROBOTS, scene
-from studies import small_run
+from browser_pages import text_of_a_page_that_stands_on_its_own
+from small_studies import small_run
+from solver_scenes import COUPLINGS, MOTION, ROBOTS, scene
 
 import impact_gym as ig
 from experiments.lab.study import Cell

@@ -9,8 +9,8 @@ from html import unescape
 import numpy as np
 import polars as pl
 import pytest
-from pages import text_of_a_page_that_stands_on_its_own
-from studies import small_run
+from browser_pages import text_of_a_page_that_stands_on_its_own
+from small_studies import small_run
 
 from agents.baselines import PaperTrapezoid
 from agents.evaluate.scenario_batch import ScenarioBatch

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import polars as pl
 import pytest
+from browser_pages import stands_on_its_own
 from matplotlib.figure import Figure
-from pages import stands_on_its_own
 
 from experiments import studies
 from experiments.lab.parts import Heat, HeatMap, Picture, Section, Table

@@ -6,10 +6,10 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from recorder import MOTION, SPRING, log, scene, truths
-from scenes import log_uniform
+from recorded_hits import MOTION, SPRING, log, scene, truths
 from scipy import signal
 from scipy.stats import binomtest
+from solver_scenes import log_uniform
 
 import impact_gym as ig
 from impact_gym.identify.fit import BEYOND, Fit, intervals
@@ -236,7 +236,7 @@ def test_correlation_hardly_depends_on_the_noise():
     assert np.allclose(identified(0).correlation, identified(1).correlation, atol=0.1)
 
 
-@pytest.mark.storm
+@pytest.mark.slow
 def test_95_percent_intervals_contain_the_truth_as_often_as_they_should():
     """Random scenes, recorded by random sensors with partly known properties; every fit has the same guess."""
     held = []

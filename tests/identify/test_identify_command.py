@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from recorder import MOTION, SCENE_FILE, blow, log, scene, write_log
+from recorded_hits import MOTION, SCENE_FILE, blow, log, scene, write_log
 
 import impact_gym as ig
 from agents import load_setup

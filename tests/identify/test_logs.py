@@ -5,7 +5,7 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
-from recorder import CLEAN, FLAT, FORCE, MOTION, NOISE, SCENE, TIME, log, put, scene, truths
+from recorded_hits import CLEAN, FLAT, FORCE, MOTION, NOISE, SCENE, TIME, log, put, scene, truths
 
 import impact_gym as ig
 from impact_gym.identify.log import Log, check, read

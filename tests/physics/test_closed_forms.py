@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import BOTH, CRUISE, log_uniform, scene
 from scipy.integrate import quad
 from scipy.optimize import brentq
+from solver_scenes import BOTH, CRUISE, log_uniform, scene
 
 import impact_gym as ig
 from experiments.reference.laws import BistableForce

@@ -6,8 +6,8 @@ import mpmath
 import numpy as np
 import pytest
 from impact_gym.kernels import APPROACH
-from scenes import BOTH, CRUISE, MOTION, fast, scene, slow
 from scipy.interpolate import CubicHermiteSpline
+from solver_scenes import BOTH, CRUISE, MOTION, fast, scene, slow
 
 import impact_gym as ig
 from experiments.reference.laws import CLOSURES

@@ -1,5 +1,5 @@
 import pytest
-from playing import served
+from play_client import served
 
 
 @pytest.fixture(scope="module")

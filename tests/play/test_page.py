@@ -3,8 +3,8 @@
 import signal
 
 import pytest
-from pages import opened
-from playing import READY, SETUP, begin, served, until_over
+from browser_pages import opened
+from play_client import READY, SETUP, begin, served, until_over
 
 PAD = """() => {
   const pad = {axes: [0, 0], buttons: [{pressed: false}, {pressed: false}]};

@@ -12,8 +12,8 @@ from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 
 import pytest
-from playing import ROOT, SETUP, closed, heard, say, served
-from refusals import refused
+from play_client import ROOT, SETUP, closed, heard, say, served
+from refusal import refused
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from experiments.play import __main__ as command

@@ -7,8 +7,8 @@ import resource
 
 import numpy as np
 import pytest
-from playing import SETUP, near_setup, pushed, wanted
-from refusals import refused
+from play_client import SETUP, near_setup, pushed, wanted
+from refusal import refused
 
 from experiments.play import contest, tries, try_files
 from experiments.play.assistance import NAMES, PERIOD

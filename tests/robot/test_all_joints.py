@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from arms import ELASTIC, LENGTHS, rods, slides
+from made_up_arms import ELASTIC, LENGTHS, rods, slides
 from scipy.integrate import solve_ivp
 
 import impact_gym as ig

@@ -5,8 +5,8 @@ from contextlib import nullcontext
 
 import numpy as np
 import pytest
-from arms import ELASTIC, SHOULDER, edited, joint, link, rods, seven_joints, write
-from refusals import refused
+from made_up_arms import ELASTIC, SHOULDER, edited, joint, link, rods, seven_joints, write
+from refusal import refused
 from scipy.spatial.transform import Rotation
 
 import impact_gym as ig

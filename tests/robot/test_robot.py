@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import MOTION, scene
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
+from solver_scenes import MOTION, scene
 
 import impact_gym as ig
 from impact_gym.robot import IMPACT, approach, default_approach, joint_angles, viper

@@ -12,7 +12,7 @@ from types import SimpleNamespace as Record
 
 import numpy as np
 import pytest
-from scenes import CRUISE, MOTION, ROBOTS, on_rough_ground, random_approach, scene
+from solver_scenes import CRUISE, MOTION, ROBOTS, on_rough_ground, random_approach, scene
 
 import impact_gym as ig
 from experiments import reference

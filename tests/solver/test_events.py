@@ -9,9 +9,9 @@ from itertools import product
 
 import numpy as np
 import pytest
-from scenes import log_uniform, scene
 from scipy.optimize import brentq
 from scipy.special import beta, betainc
+from solver_scenes import log_uniform, scene
 
 import impact_gym as ig
 

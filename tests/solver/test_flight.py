@@ -8,11 +8,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from opened import kernels
-from scenes import random_mechanism
+from kernel_access import kernels
 from scipy.integrate import quad
 from scipy.linalg import expm
 from scipy.optimize import brentq
+from solver_scenes import random_mechanism
 
 import impact_gym as ig
 from impact_gym.to_kernel import mount_to_kernel

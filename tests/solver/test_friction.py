@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import CRUISE, MOTION, on_rough_ground, scene
+from solver_scenes import CRUISE, MOTION, on_rough_ground, scene
 
 import impact_gym as ig
 from impact_gym.physics.impact import GRAVITY, sliding_distance

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import CRUISE, MOTION, scene
 from scipy.interpolate import CubicHermiteSpline
+from solver_scenes import CRUISE, MOTION, scene
 
 import impact_gym as ig
 from experiments import reference

@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 import pytest
 from impact_gym.kernels import APPROACH, CHAIN, approach_rows
-from scenes import COUPLINGS, MOTION, ROBOTS, random_approach, scene
+from solver_scenes import COUPLINGS, MOTION, ROBOTS, random_approach, scene
 
 import impact_gym as ig
 from impact_gym.scene import Dissipation

@@ -1,6 +1,6 @@
 """One step of each method: compiled steps against published tableaus, and the order of their errors.
 
-The steps are on smooth pieces of every chain, with the kernels opened for tests (`opened_kernels.pyx`).
+The steps are on smooth pieces of every chain, with the kernels opened for tests (`kernel_access.pyx`).
 """
 
 import math
@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from opened import kernels
+from kernel_access import kernels
 from scipy.integrate import DOP853, solve_ivp
 from scipy.interpolate import CubicHermiteSpline
 

@@ -8,10 +8,10 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import tomli_w
-from episodes import ID
-from refusals import refused
+from episode_runs import ID
+from random_tasks import EVERYTHING_DRAWN, STEERED_DRAWN
+from refusal import refused
 from scipy.stats import kstest
-from tasks import EVERYTHING_DRAWN, STEERED_DRAWN
 
 import impact_gym as ig
 from agents import load_setup

@@ -1,6 +1,6 @@
 """Arguments of the environment: a strategy for any of them, and arguments with a range for every number."""
 
-from episodes import ROBOT
+from episode_runs import ROBOT
 from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 

@@ -1,4 +1,4 @@
-"""Compile kernels for tests: a mutant's, or `opened_kernels.pyx`, which has further entries."""
+"""Compile kernels for tests: a mutant's, or `kernel_access.pyx`, which has further entries."""
 
 import fcntl
 import importlib.util
@@ -10,8 +10,8 @@ from functools import cache
 from hashlib import sha256
 from pathlib import Path
 
-SOURCE = Path(__file__).with_name("opened_kernels.pyx")
-BUILT = Path(__file__).parents[2] / "build" / "opened_kernels"
+SOURCE = Path(__file__).with_name("kernel_access.pyx")
+BUILT = Path(__file__).parents[2] / "build" / "kernel_access"
 FLAGS = "-w", "-fPIC", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off"  # round as those of setup.py
 
 
@@ -27,7 +27,7 @@ def compiled(source, package, library, optimise, digest):
 
 @cache
 def kernels():
-    """The module of `opened_kernels.pyx`, compiled if a source has changed; the first process takes 4 s."""
+    """The module of `kernel_access.pyx`, compiled if a source has changed; the first process takes 4 s."""
     package = SOURCE.parents[2] / "impact_gym"
     sources = (SOURCE, *sorted((*package.glob("*.pyx"), *package.rglob("*.pxi"), *package.rglob("*.h"))))
     content = b"".join(file.read_bytes() for file in sources)
@@ -42,7 +42,7 @@ def kernels():
             compiled(SOURCE, package, part, "-O0", "tests")
             part.rename(library)
             part.with_suffix(".c").unlink()
-    spec = importlib.util.spec_from_file_location("opened_kernels", library)
+    spec = importlib.util.spec_from_file_location("kernel_access", library)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
