@@ -3,12 +3,14 @@ VENV := .venv
 BIN := $(VENV)/bin
 WHOLE := $(VENV)/installed
 SMALL := $(VENV)/installed-for-report
+CORE := $(VENV)/installed-for-core
 PLAYED := $(VENV)/installed-for-play
-EXTRAS := train report play data identify robot render zoo objectives cluster docs dev
+EXTRAS := train report play data identify robot render zoo objectives cluster docs test dev
+PINS := -c constraints.txt  # PINS= takes the newest version of each package
 PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal
 
 .DEFAULT_GOAL := help
-.PHONY: help report play test setup lint docs coverage mutants publish
+.PHONY: help report play test core setup lint docs coverage mutants publish
 
 help:  ## list what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-9s %s\n", $$1, $$2}'
@@ -16,7 +18,7 @@ help:  ## list what can be made
 SOLVER := pyproject.toml constraints.txt setup.py $(wildcard impact_gym/*.pyx impact_gym/*/*.pxi impact_gym/*/*.h) \
 	impact_gym/quantities.py impact_gym/solver/tableau.py impact_gym/task/numbers.py
 
-PIP = $(BIN)/pip install --quiet --no-compile --disable-pip-version-check -c constraints.txt
+PIP = $(BIN)/pip install --quiet --no-compile --disable-pip-version-check $(PINS)
 COMPILE := --no-build-isolation --no-deps -e .  # when it fails, again and with what the compiler says
 WANTED := import sys, tomllib; project = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
 	lists = map(project["optional-dependencies"].get, sys.argv[1:]); \
@@ -40,8 +42,12 @@ report: $(SMALL)  ## compare the policies and baselines of four set-ups, or of S
 play: $(PLAYED)  ## steer the tool in the browser, SETUP=teleop-spring ASSIST=none
 	$(BIN)/impact-gym play $(SETUP) $(if $(ASSIST),--assist $(ASSIST))
 
-test: setup  ## run the tests; OPTIONS="-m slow" runs the long ones
+test: setup  ## run the tests; OPTIONS="-m slow" runs the slow ones
+	@echo 'Slow tests run at night; here: make test OPTIONS="-m slow"'
 	$(PYTEST) $(OPTIONS)
+
+core: $(CORE)  ## run the tests that need no extra, and install only what they need
+	$(PYTEST) tests/physics tests/solver tests/task tests/test_simulation.py
 
 setup: $(WHOLE)  ## make .venv and install everything that is pinned
 
@@ -57,18 +63,22 @@ docs: setup  ## build the documentation as a site that needs no network, site/in
 coverage: setup  ## run the tests and list the lines that none of them runs in its own process
 	$(PYTEST) --cov
 
-mutants: setup  ## edit hundreds of lines, one at a time, and list the edits that no test notices; hours
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.mutants
+mutants: setup  ## edit a PART of the code, one place at a time, and list the edits that TESTS do not notice
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.mutants $(if $(PART),--part $(PART)) $(if $(TESTS),--tests "$(TESTS)") $(if $(SEED),--seed $(SEED))
 
 publish: setup  ## keep the site of VERSION=dev, or VERSION="0.1 latest", beside the others on the branch gh-pages
 	DOCS_VERSIONS=mike NO_MKDOCS_2_WARNING=1 PATH=$(BIN):$$PATH $(BIN)/mike deploy --update-aliases $(VERSION)
 
 $(WHOLE): $(SOLVER)
 	$(call install,$(EXTRAS),everything; torch is large: this can take minutes)
-	@touch $(SMALL) $(PLAYED) $@
+	@touch $(SMALL) $(PLAYED) $(CORE) $@
 
 $(SMALL): $(SOLVER)
 	$(call install,report,what a report needs)
+	@touch $@
+
+$(CORE): $(SOLVER)
+	$(call install,test,what the tests of the core need)
 	@touch $@
 
 $(PLAYED): $(SOLVER)
