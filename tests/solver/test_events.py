@@ -16,7 +16,7 @@ from solver_scenes import log_uniform, scene
 import impact_gym as ig
 
 ROUNDING = 1e-12  # of a clock at 1 s, over the durations below
-EVERY_TOLERANCE = pytest.mark.parametrize("rtol", [1e-4, 1e-6, 1e-8, 1e-10])
+EVERY_TOLERANCE = pytest.mark.parametrize("rtol", [1e-4, 1e-7, 1e-10])
 
 
 class Elastic:
@@ -104,8 +104,8 @@ class Oscillator:
 
 @EVERY_TOLERANCE
 @pytest.mark.parametrize("kind", [Elastic, Oscillator])
-def test_peak_duration_and_separation_of_a_contact_are_those_of_its_closed_form(kind, rtol):
-    for seed in range(100):
+def test_peak_duration_and_separation_are_those_of_a_closed_form(kind, rtol):
+    for seed in range(60):
         case = kind(seed)
         (contact,) = case.run(0.3 * case.peak, rtol).contacts
         assert contact.start == pytest.approx(case.start, rel=1e-14)
@@ -115,10 +115,10 @@ def test_peak_duration_and_separation_of_a_contact_are_those_of_its_closed_form(
 
 
 @EVERY_TOLERANCE
-@pytest.mark.parametrize("share", [1e-3, 0.1, 0.5, 0.7, 0.9, 0.999])
+@pytest.mark.parametrize("share", [1e-3, 0.5, 0.9, 0.999])
 @pytest.mark.parametrize("kind", [Elastic, lambda seed: Oscillator(seed, zeta=(0.01, 0.49))], ids=["elastic", "damped"])
 def test_alarm_comes_when_the_force_has_risen_to_its_threshold(kind, share, rtol):
-    for seed in range(50):
+    for seed in range(30):
         case = kind(seed)
         threshold = case.least + share * (case.peak - case.least)
         delay = case.run(threshold, rtol).detection_time - case.start
@@ -128,7 +128,7 @@ def test_alarm_comes_when_the_force_has_risen_to_its_threshold(kind, share, rtol
 
 
 @EVERY_TOLERANCE
-def test_alarm_comes_for_a_threshold_just_below_the_peak_and_not_just_above(rtol):
+def test_alarm_comes_just_below_the_peak_and_not_just_above(rtol):
     for seed, margin in product(range(50), (2 * rtol, 1e-3)):
         case = Elastic(seed)
         below, above = (case.run(case.peak * (1 + side * margin), rtol) for side in (-1, 1))
@@ -140,8 +140,8 @@ def test_alarm_comes_for_a_threshold_just_below_the_peak_and_not_just_above(rtol
 
 @EVERY_TOLERANCE
 @pytest.mark.parametrize("share", [0.0, 0.99])  # of the force at the onset
-def test_linear_contact_raises_the_alarm_at_once_and_has_the_force_of_the_oscillator_until_its_clamp(share, rtol):
-    for seed in range(100):
+def test_linear_contact_has_the_force_of_an_oscillator(share, rtol):
+    for seed in range(40):
         case = Oscillator(seed)
         outcome = case.run(share * case.least, rtol, trace=True)
         (contact,), trace = outcome.contacts, outcome.trace
@@ -154,7 +154,7 @@ def test_linear_contact_raises_the_alarm_at_once_and_has_the_force_of_the_oscill
 
 
 @EVERY_TOLERANCE
-def test_peak_of_a_linear_contact_under_a_push_is_that_of_the_oscillator(rtol):
+def test_peak_under_a_push_is_that_of_the_oscillator(rtol):
     # with damping alone the force would fall from the onset; here the flange still accelerates, so the force rises
     for seed in range(50):
         case, random = Oscillator(seed, zeta=(0.5, 1.2)), np.random.default_rng([15, seed])

@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from impact_gym.kernels import free_decay
 from kernel_access import kernels
 from scipy.integrate import quad
 from scipy.linalg import expm
@@ -49,26 +50,23 @@ def test_free_decay_is_the_matrix_exponential(damping_ratio):
     for angle in (1e-6, 1e-2, 0.03162, 0.5, 3.0, 40.0, change * (1 - 1e-12), change * (1 + 1e-12)):
         exact = expm(np.array([[0.0, 1.0], [-1.0, -2 * damping_ratio]]) * angle)  # in units of the frequency
         for position, velocity in np.eye(2):
-            start = position, FREQUENCY * velocity
-            end = kernels().free_decay(FREQUENCY, damping_ratio, *start, angle / FREQUENCY)
+            end = free_decay(FREQUENCY, damping_ratio, position, FREQUENCY * velocity, angle / FREQUENCY)
             assert [end[0], end[1] / FREQUENCY] == pytest.approx(exact @ [position, velocity], rel=1e-12, abs=1e-14)
 
 
-@pytest.mark.parametrize("times", [(0.11,), (0.07, 0.04)], ids=["one flight", "two"])
-@pytest.mark.parametrize("damping_ratio", [None, *DAMPING_RATIOS])
-def test_drift_is_the_matrix_exponential_with_a_flange_that_accelerates(damping_ratio, times):
-    if damping_ratio is None:  # a rigid coupling
-        law, k, c, flight = law_of(ig.Rigid()), 0.0, 0.0, chain(deflection=0.0, deflection_rate=0.0)
-    else:
-        law, k, c = spring(FREQUENCY, damping_ratio), FREQUENCY**2, 2 * damping_ratio * FREQUENCY
-        flight = chain()
-    acceleration, start = 8.0, state_of(flight)
+@pytest.mark.parametrize("damping_ratio", [None, *DAMPING_RATIOS], ids=str)  # None: a rigid coupling
+def test_drift_under_an_acceleration_is_the_matrix_exponential(damping_ratio):
+    law, flight, stretch = law_of(ig.Rigid()), chain(deflection=0.0, deflection_rate=0.0), np.zeros(2)
+    if damping_ratio is not None:
+        law, flight = spring(FREQUENCY, damping_ratio), chain()
+        stretch = np.array([-(FREQUENCY**2), -2 * damping_ratio * FREQUENCY])
+    acceleration, times, start = 8.0, (0.07, 0.04), state_of(flight)
     for time in times:
         kernels().drift_once(law, flight, acceleration, time)
     matrix = np.zeros((7, 7))  # of that state and 1
     matrix[0, 1] = matrix[2, 3] = matrix[4, 5] = 1.0
-    matrix[1, 6], matrix[3, 2:4] = acceleration, (-k, -c)
-    matrix[3, 6] = 0.0 if damping_ratio is None else -acceleration
+    matrix[1, 6], matrix[3, 2:4] = acceleration, stretch
+    matrix[3, 6] = -acceleration if stretch.any() else 0.0
     matrix[5] = matrix[1] + matrix[3]  # the object does not accelerate
     assert state_of(flight) == pytest.approx((expm(matrix * sum(times)) @ [*start, 1.0])[:6], rel=1e-11, abs=1e-12)
     assert flight["time"] == pytest.approx(sum(times), rel=1e-12)
@@ -134,25 +132,24 @@ def random_flight(random, start=None):
 
 def test_first_touch_of_a_random_flight_is_that_of_its_path():
     random, touches = np.random.default_rng(3), 0
-    for _ in range(1500):
+    for _ in range(600):
         law, acceleration, path, record = random_flight(random)
         horizon = random.uniform(0.01, 0.6)
         expected, touch = path.first_touch(horizon), kernels().first_touch(law, record, acceleration, horizon)
-        if math.isinf(expected) or math.isinf(touch):
-            assert touch == expected
-            continue
-        touches += 1
-        assert path(touch) == pytest.approx(0.0, abs=1e-14)
-        assert touch == pytest.approx(expected, abs=1e-9)
-    assert touches > 500
+        assert math.isinf(touch) == math.isinf(expected)
+        if math.isfinite(touch):
+            touches += 1
+            assert path(touch) == pytest.approx(0.0, abs=1e-14)
+            assert touch == pytest.approx(expected, abs=1e-9)
+    assert touches > 200
 
 
-@pytest.mark.parametrize("margin", [1e-3, 1e-6, 1e-9, 1e-12])
+@pytest.mark.parametrize("margin", [1e-3, 1e-6, 1e-12])
 def test_first_touch_tells_a_graze_from_a_near_miss(margin):
     # shift a random flight so that its highest peak just reaches the object, or just misses it
     random = np.random.default_rng(4)
     horizon, grazes = 0.6, 0
-    for _ in range(600):
+    for _ in range(300):
         law, acceleration, path, record = random_flight(random, start=-1.0)
         height = max((path(t) for t in path.extrema(horizon)), default=-1.0) + 1.0
         if height <= 2 * margin or path(horizon) + 1.0 >= height:
@@ -165,13 +162,13 @@ def test_first_touch_tells_a_graze_from_a_near_miss(margin):
         assert path.rate(touch) > 0
         assert touch == pytest.approx(path.first_touch(horizon), abs=1e-8)
         grazes += 1
-    assert grazes > 100
+    assert grazes > 50
 
 
 @pytest.mark.parametrize("margin", [0.1, 1e-9])
 def test_undamped_tool_reaches_just_as_far_as_its_energy_allows(margin):
     random = np.random.default_rng(6)  # flange and object rest, so the tool gets to hypot(y, y' / omega)
-    for _ in range(200):
+    for _ in range(100):
         y, y_dot, frequency = random.uniform(-0.05, 0.05), random.uniform(-1, 1), 10 ** random.uniform(0, 2.5)
         reach, law = math.hypot(y, y_dot / frequency), spring(frequency, 0.0)
         for beyond in (True, False):
@@ -188,24 +185,21 @@ def rigid_touch(rate, acceleration, gap, horizon):
 
 def test_first_touch_of_a_rigid_tool_is_the_root_of_a_parabola():
     random, touches = np.random.default_rng(5), 0
-    for _ in range(2000):
+    for _ in range(800):
         acceleration = float(random.choice([0.0, random.uniform(-20, 20)]))
-        rate = float(random.uniform(-1, 1.5))
-        gap = float(random.choice([0.0, 10 ** random.uniform(-9, 0)]))
+        rate, gap = float(random.uniform(-1, 1.5)), float(random.choice([0.0, 10 ** random.uniform(-9, 0)]))
         if gap == 0.0:
             rate = -abs(rate)
         horizon = random.uniform(0.01, 1.0)
         roots = np.roots([0.5 * acceleration, rate, -gap] if gap else [0.5 * acceleration, rate])  # no gap: not t = 0
         rising = [t.real for t in roots if t.imag == 0 and 0 < t.real <= horizon and rate + acceleration * t.real > 0]
-        touch = rigid_touch(rate, acceleration, gap, horizon)
-        if not rising:
-            assert touch == math.inf
-            continue
-        touches += 1
-        assert touch == pytest.approx(min(rising), rel=1e-6, abs=1e-15)
-        terms = rate * touch, 0.5 * acceleration * touch**2  # they cancel but for rounding
-        assert sum(terms) == pytest.approx(gap, rel=0, abs=4 * np.finfo(float).eps * (abs(terms[0]) + abs(terms[1])))
-    assert touches > 300
+        touch, first = rigid_touch(rate, acceleration, gap, horizon), min(rising, default=math.inf)
+        assert touch == pytest.approx(first, rel=1e-6, abs=1e-15)
+        if rising:
+            touches += 1
+            terms = rate * touch, 0.5 * acceleration * touch**2  # they cancel but for rounding
+            assert abs(sum(terms) - gap) <= 4 * np.finfo(float).eps * (abs(terms[0]) + abs(terms[1]))
+    assert touches > 100
     # a tool at rest against the object touches it as soon as it accelerates
     assert rigid_touch(rate=0.0, acceleration=1.0, gap=0.0, horizon=1.0) == 0.0
 
@@ -226,7 +220,7 @@ COUPLINGS += [ig.SpringDamper(80.0, 0.5, stroke=0.01), *SOFT_STOPS]
 
 
 @pytest.mark.parametrize("coupling", COUPLINGS, ids=lambda coupling: type(coupling).__name__)
-def test_energy_of_a_coupling_is_the_work_against_its_force_and_bounds_its_reach(coupling):
+def test_energy_of_a_coupling_is_its_work_and_bounds_its_reach(coupling):
     law, random = law_of(coupling), np.random.default_rng(7)
     if isinstance(coupling, ig.Bistable):
         low, high = (stop - coupling.rest for stop in (coupling.rear_stop, coupling.front_stop))
@@ -250,7 +244,7 @@ def test_energy_of_a_coupling_is_the_work_against_its_force_and_bounds_its_reach
         assert reach == pytest.approx(math.sqrt(2e-4 / stiffness), rel=0.05)
 
 
-def test_reach_of_a_tool_on_a_robot_is_a_bound_and_at_most_five_times_too_far():
+def test_reach_on_a_robot_is_a_bound_at_most_five_times_too_far():
     coupling, robot, random = ig.SpringDamper(150.0, 0.0), ig.Robot(5.0, 5e3, 0.0), np.random.default_rng(3)
     law, shares = law_of(coupling, robot), []
     k, k_r, m_r = coupling.stiffness, robot.stiffness, robot.mass
