@@ -77,7 +77,7 @@ def step_once(plan, table, chain, double acceleration, bint flying, x, double h,
     }
     if now.analytic:
         expand(&now, &work)
-        result["longest"], result["fastest"] = work.longest, fastest(&now, work.x, work.rate)
+        result["longest"] = work.longest
     error = attempt(&now, &work, h)
     result |= {
         "rate": [work.rate[i] for i in range(now.width)],
@@ -91,12 +91,6 @@ def step_once(plan, table, chain, double acceleration, bint flying, x, double h,
     jacobian(&now, work.x, work.matrix)
     result["jacobian"] = [[work.matrix[i][j] for j in range(now.width)] for i in range(now.width)]
     return {name: np.array(value) for name, value in result.items()}
-
-
-def cubic_maximum(double start, double start_slope, double end, double end_slope):
-    """Place and height of the maximum in (0, 1) of a cubic with these values and slopes at 0 and 1."""
-    cdef double place = extremum(start, start_slope, end, end_slope)
-    return place, on_cubic(place, start, start_slope, end, end_slope)
 
 
 STIFF_TABLEAU = {  # of `solver/rosenbrock.pxi`

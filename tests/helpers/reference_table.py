@@ -26,7 +26,7 @@ from experiments.reference.motion import ContactRecord
 from impact_gym.scene import LAWS
 
 FILE = Path(__file__).parents[1] / "solver" / "reference_runs.json"
-ROUGH = [("friction",), ("stroke",), ("fixed",)]
+GROUND = "friction", "stroke", "fixed", "friction and stroke and fixed"  # families of `on_rough_ground`
 FIGURES = {  # of the paper: coupling, contact stiffness (N/m^1.5) and restitution
     "13a": (ig.Rigid(), 1e5, 1.0), "25": (ig.Rigid(), 1e3, 0.1),
     "16, before the break": (ig.SpringDamper(85.0), 1e5, 1.0), "16, at the break": (ig.SpringDamper(90.0), 1e5, 1.0),
@@ -92,9 +92,9 @@ def cases():
     for coupling, robot, seed in product(COUPLINGS, ROBOTS, range(5)):
         approach = random_approach(seed, coupling, robot, LAWS[:-1], (10, 2000))
         yield Run(f"{coupling}, {robot}", str(seed), approach, rtol=1e-12)
-    for features, seeds in [(sum(ROUGH, ()), 12), *((features, 24) for features in ROUGH)]:  # 12: each chain once
-        for seed in range(seeds):
-            yield Run(" and ".join(features), str(seed), on_rough_ground(seed, *features))
+    for family in GROUND:
+        for seed in range(12 if " " in family else 24):  # 12: each chain once
+            yield Run(family, str(seed), on_rough_ground(seed, *family.split(" and ")))
     for figure, (coupling, k_c, e) in FIGURES.items():
         yield Run("figure", figure, (scene(k_c, e, coupling), MOTION, 1.5))
     yield Run("hard", "chatter", (scene(1e10, 0.7, SPRING), CRUISE, 0.6))

@@ -80,3 +80,16 @@ def on_rough_ground(seed, *features):
         contact = replace(chain.contact, dissipation="fixed", stiffness_exponent=m, damping_exponent=n)
         chain = replace(chain, contact=replace(contact, reference_velocity=log_uniform(random, 0.05, 2.0)))
     return chain, motion, duration
+
+
+def stored_energy(coupling, stretch):
+    """Energy of a coupling and its stops (J), by its textbook form."""
+    if isinstance(coupling, ig.Rigid):
+        return 0.0 * stretch
+    if isinstance(coupling, ig.SpringDamper):
+        beyond = np.maximum(np.abs(stretch) - (coupling.stroke or np.inf), 0.0)
+        return 0.5 * coupling.stiffness * stretch**2 + 0.5e5 * beyond**2
+    x = coupling.rest + stretch
+    beyond = np.maximum(np.maximum(x - coupling.front_stop, coupling.rear_stop - x), 0.0)
+    spring = 0.5 * coupling.stiffness * (coupling.free_length - np.hypot(coupling.height, x)) ** 2
+    return spring + 0.5 * coupling.stop_stiffness * beyond**2

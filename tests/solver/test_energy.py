@@ -4,23 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from solver_scenes import BOTH, CRUISE, fast, on_rough_ground, scene
+from solver_scenes import BOTH, CRUISE, fast, on_rough_ground, scene, stored_energy
 
 import impact_gym as ig
 from impact_gym.physics.impact import GRAVITY
-
-
-def stored(coupling, stretch):
-    """Energy of a coupling and its stops, J."""
-    if isinstance(coupling, ig.Rigid):
-        return 0.0 * stretch
-    if isinstance(coupling, ig.SpringDamper):
-        beyond = np.maximum(np.abs(stretch) - (coupling.stroke or np.inf), 0.0)
-        return 0.5 * coupling.stiffness * stretch**2 + 0.5e5 * beyond**2
-    x = coupling.rest + stretch
-    beyond = np.maximum(np.maximum(x - coupling.front_stop, coupling.rear_stop - x), 0.0)
-    spring = 0.5 * coupling.stiffness * (coupling.free_length - np.hypot(coupling.height, x)) ** 2
-    return spring + 0.5 * coupling.stop_stiffness * beyond**2
 
 
 def energy(chain, speed, bodies):
@@ -30,7 +17,7 @@ def energy(chain, speed, bodies):
     moving = chain.object.mass * (bodies.object_velocity - speed) ** 2
     if not isinstance(chain.coupling, ig.Rigid):  # else the motion of the tool is imposed
         moving = moving + chain.tool.mass * (bodies.tool_velocity - speed) ** 2
-    return 0.5 * moving + chain.contact.stiffness * depth ** (m + 1) / (m + 1) + stored(chain.coupling, stretch)
+    return 0.5 * moving + chain.contact.stiffness * depth ** (m + 1) / (m + 1) + stored_energy(chain.coupling, stretch)
 
 
 @pytest.mark.parametrize(

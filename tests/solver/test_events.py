@@ -1,7 +1,4 @@
-"""Events found on the integrator's polynomial: peak force, alarm, clamp, separation.
-
-Each is compared with a closed form, to the tolerance that was asked for.
-"""
+"""Peak force, alarm, clamp and separation against closed forms, to the tolerance that was asked for."""
 
 import cmath
 import math

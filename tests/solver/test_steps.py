@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from kernel_access import kernels
 from scipy.integrate import DOP853, solve_ivp
-from scipy.interpolate import CubicHermiteSpline
 
 import impact_gym as ig
 from impact_gym.to_kernel import approach_to_kernel
@@ -151,16 +150,6 @@ def test_longest_step_by_a_series_just_keeps_its_tolerance(name, tolerance):
     assert step(1e6 * x, method="series")["longest"] == 0.0  # it overflows and is left to the explicit pair
 
 
-@pytest.mark.parametrize(("name", "close"), [("rigid, contact", 1e-9), (SPRING_PIECE, 0.15)])
-def test_fastest_rate_of_a_series_is_the_largest_eigenvalue(name, close):  # but for the product of contact and spring
-    for damping, restitution, seed in product([0.1, 1.0, 30.0], [0.5, 0.02], range(5)):
-        rigid = name.startswith("rigid")
-        coupling = ig.SpringDamper(150.0, damping)
-        piece = stepper(name, ig.Contact(1e3, restitution if rigid else 0.5, "exact"), None if rigid else coupling)
-        at = piece(state(name, seed), method="series")
-        assert at["fastest"] == pytest.approx(np.abs(np.linalg.eigvals(at["jacobian"])).max(), rel=close)
-
-
 @pytest.mark.parametrize("acceleration", [-30.0, 3.0])
 @pytest.mark.parametrize("name", ["spring on a robot", "rigid on a table", "spring on a table"])
 def test_blind_step_of_a_flight_ends_before_any_touch(name, acceleration):
@@ -175,22 +164,3 @@ def test_blind_step_of_a_flight_ends_before_any_touch(name, acceleration):
         path = solve_ivp(lambda _, y: step(y)["rate"], (0.0, blind), x, max_step=0.1, rtol=1e-6).y[0]
         assert path.max() < 0.0
     assert longer > 10
-
-
-def test_maximum_of_a_cubic_is_where_its_derivative_vanishes():
-    for start, start_slope, end, end_slope in np.random.default_rng(7).uniform(0.1, 2.0, (50, 4)) * (1, 1, 1, -1):
-        cubic = CubicHermiteSpline([0.0, 1.0], [start, end], [start_slope, end_slope])
-        place, height = kernels().cubic_maximum(start, start_slope, end, end_slope)
-        assert [cubic(place, 1), height - cubic(place)] == pytest.approx([0.0, 0.0], abs=1e-12)
-
-
-@pytest.mark.parametrize("rate", [1e4, 1e6])
-def test_stiff_step_far_longer_than_a_decay_ends_where_the_decay_does(rate):
-    # an overdamped spring: y' decays to -(y + push of the contact) / rate; a method that is only A-stable oscillates
-    step = stepper(SPRING_PIECE, ig.Contact(1e3, 1.0), ig.SpringDamper(150.0, rate))
-    x = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0])
-    assert abs(step(x, 0.05, "stiff")["jacobian"][5][5]) > 0.05 * rate
-    for _ in range(4):
-        x = step(x, 0.05, "stiff")["end"]
-    last = step(x, 0.05, "stiff")
-    assert x[5] == pytest.approx(x[5] - last["rate"][5] / last["jacobian"][5][5], rel=0.01)  # its rate is 0 there
