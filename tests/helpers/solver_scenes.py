@@ -82,6 +82,11 @@ def on_rough_ground(seed, *features):
     return chain, motion, duration
 
 
+def at_end(outcome):
+    """Positions and velocities where a run ends, of either solver."""
+    return ig.Trace(*(row[-1] for row in outcome.trace)) if getattr(outcome, "trace", None) else outcome
+
+
 def stored_energy(coupling, stretch):
     """Energy of a coupling and its stops (J), by its textbook form."""
     if isinstance(coupling, ig.Rigid):
