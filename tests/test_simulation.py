@@ -44,6 +44,12 @@ def test_records_are_frozen():
         assert hash(record) == hash(copy.deepcopy(record))
 
 
+def test_robot_table_is_constant_beyond_its_ends():
+    table = ROBOTS["robot table"]
+    ends = [table.at(position) for position in (table.position[0], table.position[-1])]
+    assert [table.at(position) for position in (-0.1, 0.5)] == ends
+
+
 def test_brake_without_deceleration_has_that_of_the_trapezoid():
     assert [ig.Trapezoid(1.0, 5.0, ig.Brake(deceleration=given)).deceleration for given in (None, 3.0)] == [5.0, 3.0]
     assert dataclasses.astuple(ig.Brake()) == (1.0, 0.016, None)

@@ -31,6 +31,13 @@ def energy_and_reach(law, double stretch, double kinetic):
     return coupling_energy(given, stretch), coupling_reach(given, stretch, kinetic)
 
 
+def swing_reach(law, chain):
+    """A bound on the later deflection (m) of an INTEGRATED `chain` on a lumped robot or none."""
+    cdef Run run
+    run.law, run.tables = <const Law *> memory_of(law), NULL
+    return integrated_reach(&run, <const Chain *> memory_of(chain))
+
+
 BLIND = 10.0, 1e-4  # longest and shortest blind step, scaled
 
 
@@ -70,7 +77,6 @@ def step_once(plan, table, chain, double acceleration, bint flying, x, double h,
     }
     if now.analytic:
         expand(&now, &work)
-        result["longest"] = work.longest
     error = attempt(&now, &work, h)
     result |= {
         "rate": [work.rate[i] for i in range(now.width)],

@@ -105,6 +105,9 @@ def test_coupling_impulse_closes_the_budget_of_eq_22(family):
             assert not finished or outcome.object_velocity == pytest.approx(velocity, rel=close)
             impulse = sum(contact.impulse for contact in outcome.contacts)
             assert impulse == pytest.approx(struck * outcome.object_velocity, rel=1e-12)
+            if outcome.contacts:
+                assert outcome.contacts[-1].object_velocity == pytest.approx(outcome.object_velocity, rel=1e-12)
+                assert outcome.peak_force == max(contact.peak_force for contact in outcome.contacts)
 
 
 def test_object_meets_the_tool_again_as_fast_as_it_left():

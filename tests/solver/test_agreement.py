@@ -1,8 +1,8 @@
 """Random and hard approaches, by our solver and by two solvers that share no code with it.
 
 One is experiments/reference, with SciPy's integrators; tests/helpers/reference_table.py says how its table is made. The
-other is heyoka's Taylor series of order 20 and more, see experiments/studies/solvers/taylor.py. At the end: the floor of
-the damping and the search for events of the first one.
+other is heyoka's Taylor series of order 20 and more, see experiments/studies/solvers/taylor.py. At the end: the floor
+of the damping and the search for events of the first one.
 """
 
 from dataclasses import replace

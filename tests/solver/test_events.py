@@ -134,7 +134,7 @@ def test_alarm_comes_just_below_the_peak_and_not_just_above(rtol):
 @EVERY_TOLERANCE
 @pytest.mark.parametrize("share", [0.0, 0.99])  # of the force at the onset
 def test_linear_contact_has_the_force_of_an_oscillator(share, rtol):
-    for seed in range(40):
+    for seed in range(20):
         case = Oscillator(seed)
         outcome = case.run(share * case.least, rtol, trace=True)
         (contact,), trace = outcome.contacts, outcome.trace
@@ -142,5 +142,5 @@ def test_linear_contact_has_the_force_of_an_oscillator(share, rtol):
         time = (trace.time - contact.start) / case.second
         touching = (time > 0.0) & (time < case.clamped)
         expected = case.newton * case.force(time[touching])
-        assert trace.contact_force[touching] == pytest.approx(expected, abs=(rtol + 1e-9) * contact.peak_force)
+        assert np.abs(trace.contact_force[touching] - expected).max() <= (rtol + 1e-9) * contact.peak_force
         assert np.all(trace.contact_force >= 0.0)

@@ -183,3 +183,21 @@ def test_energy_of_a_coupling_bounds_its_reach(coupling):
     if coupling not in SOFT_STOPS:  # from rest against a stop or a spring the bound is close
         stiffness = coupling.stop_stiffness if isinstance(coupling, ig.Bistable) else coupling.stiffness
         assert kernels().energy_and_reach(law, 0.0, 1e-4)[1] == pytest.approx(math.sqrt(2e-4 / stiffness), rel=0.05)
+
+
+def test_reach_on_a_robot_is_a_bound_at_most_five_times_too_far():
+    coupling, robot, random = ig.SpringDamper(150.0, 0.0), ig.Robot(5.0, 5e3, 0.0), np.random.default_rng(3)
+    law, shares, (k, k_r, m_r) = law_of(coupling, robot), [], (coupling.stiffness, robot.stiffness, robot.mass)
+    rates = np.zeros((4, 4))
+    rates[0, 1] = rates[2, 3] = 1.0
+    rates[1, 0], rates[1, 2], rates[3, 0], rates[3, 2] = -k / TOOL_MASS, k / TOOL_MASS, k / m_r, -(k + k_r) / m_r
+    frequencies, modes = np.linalg.eig(rates)
+    waves = np.exp(np.linspace(0.0, 20.0, 20_000)[:, None] * frequencies) * modes[0]
+    for _ in range(40):
+        y, y_dot, q, q_dot = random.standard_normal(4) * [0.01, 0.3, 0.003, 0.3] * random.choice([0.1, 1.0], 4)
+        record = chain(deflection=y, deflection_rate=y_dot)
+        record["flange_offset"], record["flange_offset_rate"] = q, q_dot
+        swing = (waves @ np.linalg.solve(modes, [y, y_dot, q, q_dot])).real
+        shares.append(swing.max() / kernels().swing_reach(law, record))
+    assert 0.7 < max(shares) <= 1.0
+    assert min(shares) > 0.2

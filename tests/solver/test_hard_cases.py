@@ -20,8 +20,9 @@ def test_slow_contact_under_a_push_becomes_a_steady_push(coupling, approach_velo
     # the flange starts right behind the object: chi is huge, rates of 1e6 to 1e9 1/s in plain variables
     acceleration = 8.0
     distance = approach_velocity**2 / (2 * acceleration)
-    chain = scene(1e5, 0.5, coupling, distance=distance)
-    outcome = ig.simulate(chain, ig.Trapezoid(0.5, acceleration), 0.06, trace=True)
+    outcome = ig.simulate(
+        scene(1e5, 0.5, coupling, distance=distance), ig.Trapezoid(0.5, acceleration), 0.06, trace=True
+    )
     assert outcome.steps < 3000
     assert outcome.momentum_error < 1e-9
     trace = outcome.trace
