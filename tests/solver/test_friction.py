@@ -29,7 +29,7 @@ def test_object_slides_as_far_as_its_last_speed_allows_and_rests(coupling, frict
     assert early.slide == pytest.approx(outcome.slide, rel=1e-9)
 
 
-def test_rest_time_of_a_rigid_tool_is_the_later_of_flange_and_object():
+def test_rest_time_is_the_later_of_flange_and_object():
     slippery, sticky = (ig.simulate(scene(1e6, 0.5, m_p=0.4, friction=mu), MOTION, duration=4.0) for mu in (0.05, 2.0))
     last = slippery.contacts[-1]
     assert slippery.rest_time == pytest.approx(last.end + last.object_velocity / (0.05 * GRAVITY), rel=1e-12)
@@ -45,7 +45,7 @@ def test_tool_rests_once_it_is_slower_than_a_millimetre_a_second():
 
 
 @pytest.mark.parametrize("coupling", [ig.Rigid(), SPRING], ids=str)
-def test_force_below_the_friction_moves_nothing_and_one_above_does(coupling):
+def test_force_moves_the_object_only_above_its_friction(coupling):
     k_c, m_p, depth = 1e4, 5.0, 1e-3  # the depth of a press at 1 mm/s
     slow = ig.Trapezoid(1e-3, 8.0, ig.Brake(1e-6, delay=1.0, deceleration=1e3))
     at_most, at_least = (2.6 * k_c * depth**1.5, k_c * depth**1.5) if coupling == ig.Rigid() else (0.15, 0.149)
