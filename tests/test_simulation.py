@@ -13,15 +13,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_tasks import STORM
-from solver_scenes import COUPLINGS, MOTION, ROBOTS, scene
+from solver_scenes import COUPLINGS, MOTION, ROBOTS, SPRING, scene
 
 import impact_gym as ig
+from impact_gym import simulation
 from impact_gym.quantities import BY_PATH
 from impact_gym.task import nested
 from impact_gym.to_kernel import STATUS_MESSAGES
 
 ROBOT = ig.Robot(5.225, 1.9e5, 50.4)
-SPRING = ig.SpringDamper(150.0)
 SCENE = scene(coupling=SPRING)
 
 
@@ -44,12 +44,18 @@ def test_records_are_frozen():
         assert hash(record) == hash(copy.deepcopy(record))
 
 
+def test_robot_table_is_constant_beyond_its_ends():
+    table = ROBOTS["robot table"]
+    ends = [table.at(position) for position in (table.position[0], table.position[-1])]
+    assert [table.at(position) for position in (-0.1, 0.5)] == ends
+
+
 def test_brake_without_deceleration_has_that_of_the_trapezoid():
     assert [ig.Trapezoid(1.0, 5.0, ig.Brake(deceleration=given)).deceleration for given in (None, 3.0)] == [5.0, 3.0]
     assert dataclasses.astuple(ig.Brake()) == (1.0, 0.016, None)
 
 
-def test_motion_too_short_to_reach_the_object_leaves_it_exactly_at_rest():
+def test_motion_too_short_to_reach_leaves_the_object_at_rest():
     outcomes = ig.sweep(SCENE, MOTION, {"motion.speed": np.linspace(0.01, 0.1, 40)}, duration=0.7)
     for name in ("contact_count", "object_velocity", "peak_force", "coupling_impulse", "momentum_error"):
         assert (getattr(outcomes, name) == 0.0).all()
@@ -94,20 +100,21 @@ def test_row_of_a_sweep_depends_on_neither_threads_nor_order():
         assert ig.sweep(template, MOTION, nothing).object_velocity.shape == shape
 
 
-def test_run_that_cannot_finish_says_why_and_does_not_affect_other_rows():
+def test_run_that_cannot_finish_says_why_and_affects_no_other(monkeypatch):
+    monkeypatch.setattr(simulation, "MAX_STEPS", 50_000)
     stiffness = [1e5, 1e18, 1e4]  # N/m; the second robot oscillates at 160 MHz with hardly any damping
     robots = [ig.Robot(1.0, each, 1e-3) for each in stiffness]
     first, endless, last = (scene(1e4, 0.5, SPRING, robot) for robot in robots)
     outcomes = ig.sweep(first, MOTION, {"robot.stiffness": stiffness})
     assert "more integration steps than allowed" in outcomes.status[1]
     assert np.isnan([outcomes.object_velocity[1], outcomes.peak_object_velocity[1]]).all()
-    with pytest.raises(RuntimeError, match=r"stopped at t = \d+\.\d+ s: more integration steps than allowed"):
+    with pytest.raises(RuntimeError, match=r"stopped at t = \S+ s: more integration steps than allowed"):
         ig.simulate(endless, MOTION)
     assert_row(outcomes, 0, ig.simulate(first, MOTION))
     assert_row(outcomes, 2, ig.simulate(last, MOTION))
 
 
-def test_advise_simplifies_by_the_largest_error_between_two_runs_of_any_scene():
+def test_advise_simplifies_by_the_largest_error_of_any_scene():
     hard, soft = (replace(SCENE, robot=replace(ROBOT, stiffness=stiffness)) for stiffness in (1e9, 1e4))
     advice = ig.advise(hard, MOTION, 1e-3)
     full, simple = (ig.simulate(chain, MOTION).object_velocity for chain in (hard, SCENE))
@@ -119,19 +126,14 @@ def test_advise_simplifies_by_the_largest_error_between_two_runs_of_any_scene():
     assert both.errors.tolist() == [advice.tried[1].bound, other.bound]
     assert both.bound == max(both.errors)
     assert len(ig.advise(replace(SCENE, coupling=ig.Rigid()), MOTION).tried) == 1  # nothing to simplify
+    for quantity in ("object_velocity", "peak_force", "impulse"):  # every part of this scene matters
+        kept = ig.advise(replace(SCENE, robot=ROBOT), MOTION, 1e-12, quantity)
+        assert kept.model is kept.tried[0]
+        assert [model.bound > 1e-12 for model in kept.tried] == [False, True, True, True]  # the robot, the spring, both
     unreached = replace(hard, object=ig.Object(0.25, 100.0))
     assert ig.advise(unreached, MOTION, 1e-9, duration=0.2).model.bound == 0.0
     late = replace(soft, object=ig.Object(0.25, 0.05), coupling=ig.Rigid())  # only the simpler scene has touched yet
     assert ig.advise(late, MOTION, duration=0.113).tried[1].bound == math.inf
-
-
-@pytest.mark.parametrize("quantity", ["object_velocity", "peak_force", "impulse"])
-def test_advise_keeps_a_scene_in_which_every_part_matters(quantity):
-    advice = ig.advise(replace(SCENE, robot=ROBOT), MOTION, 1e-12, quantity)
-    assert advice.model is advice.tried[0]
-    assert advice.model.bound == 0.0
-    assert all(model.bound > 1e-12 for model in advice.tried[1:])
-    assert len(advice.tried) == 4  # the robot, the spring, both
 
 
 DEPENDENT = "coupling.free_length", "coupling.height", "coupling.front_stop", "coupling.rear_stop"
@@ -154,8 +156,9 @@ def extreme_cases(draw):
 
 
 @settings(STORM, max_examples=75)
-@given(extreme_cases())
-def test_scene_within_the_limits_is_solved_or_reported_as_not(case):
+@given(case=extreme_cases())
+def test_scene_within_the_limits_is_solved_or_reported_as_not(monkeypatch, case):
+    monkeypatch.setattr(simulation, "MAX_STEPS", 50_000)  # a million take a second
     chain, motion, duration = case
     outcomes, failures = [], []
     for rtol in (1e-8, 1e-11):

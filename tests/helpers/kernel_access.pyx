@@ -77,8 +77,6 @@ def step_once(plan, table, chain, double acceleration, bint flying, x, double h,
     }
     if now.analytic:
         expand(&now, &work)
-        result["series"] = [[work.series[i][j] for j in range(now.width)] for i in range(ORDER + 1)]
-        result["longest"], result["fastest"] = work.longest, fastest(&now, work.x, work.rate)
     error = attempt(&now, &work, h)
     result |= {
         "rate": [work.rate[i] for i in range(now.width)],
@@ -92,24 +90,6 @@ def step_once(plan, table, chain, double acceleration, bint flying, x, double h,
     jacobian(&now, work.x, work.matrix)
     result["jacobian"] = [[work.matrix[i][j] for j in range(now.width)] for i in range(now.width)]
     return {name: np.array(value) for name, value in result.items()}
-
-
-def cubic_maximum(double start, double start_slope, double end, double end_slope):
-    """Place and height of the maximum in (0, 1) of a cubic with these values and slopes at 0 and 1."""
-    cdef double place = extremum(start, start_slope, end, end_slope)
-    return place, on_cubic(place, start, start_slope, end, end_slope)
-
-
-def inverse_of(matrix):
-    """Return the inverse of a square matrix of at most WIDTH rows."""
-    cdef double[WIDTH][WIDTH] inside
-    cdef int i, j, n = len(matrix)
-    memset(inside, 0, sizeof(inside))
-    for i in range(n):
-        for j in range(n):
-            inside[i][j] = matrix[i][j]
-    invert(n, inside)
-    return np.array([[inside[j][i] for j in range(n)] for i in range(n)])
 
 
 STIFF_TABLEAU = {  # of `solver/rosenbrock.pxi`

@@ -9,12 +9,12 @@ import pytest
 
 import impact_gym as ig
 from experiments import reference
-from impact_gym.robot import default_approach
 
 CRUISE = ig.Trapezoid(1.0, 8.0)
 MOTION = ig.Trapezoid(1.0, 8.0, ig.Brake())
 NODES = np.linspace(0.0, 0.35, 6)
 TABLE = ig.RobotTable(*map(tuple, [NODES, 4 + 3 * NODES**2, 1.5e5 * (1 + NODES), 40 + 100 * NODES]))
+SPRING, LINEAR = ig.SpringDamper(150.0), ig.SpringDamper(50.0)
 COUPLINGS = {"rigid": ig.Rigid(), "spring": ig.SpringDamper(150.0, 0.5), "bistable": ig.Bistable()}
 ROBOTS = {"rigid robot": None, "robot": ig.Robot(5.0, 1.5e5, 50.0), "robot table": TABLE}
 EXPONENTS = [(1.5, 1.5), (1.5, 1.5), (1.0, 0.0), (1.2, 1.2), (2.0, 2.0)]
@@ -55,7 +55,7 @@ def random_approach(seed, coupling="any", robot="rigid robot", laws=("hu-guo",),
     spring, mechanism = ig.SpringDamper(log(*springs), random.uniform(0, 3)), random_mechanism(random)
     couplings = {"rigid": ig.Rigid(), "spring": spring, "bistable": mechanism}
     lumped = ig.Robot(log(1, 10), log(1e4, 5e5), log(20, 200))
-    robots = dict(zip(ROBOTS, (None, lumped, default_approach().robot_table()), strict=True))
+    robots = ROBOTS | {"robot": lumped}
     m, n = EXPONENTS[random.integers(len(EXPONENTS)) if len(laws) > 1 else 0]
     contact = ig.Contact(log(1e3, 1e6), random.uniform(0.1, 1), laws[random.integers(len(laws))], m, n)
     target = ig.Object(log(0.05, 2.5), random.uniform(0.05, 0.15))
@@ -80,3 +80,21 @@ def on_rough_ground(seed, *features):
         contact = replace(chain.contact, dissipation="fixed", stiffness_exponent=m, damping_exponent=n)
         chain = replace(chain, contact=replace(contact, reference_velocity=log_uniform(random, 0.05, 2.0)))
     return chain, motion, duration
+
+
+def at_end(outcome):
+    """Positions and velocities where a run ends, of either solver."""
+    return ig.Trace(*(row[-1] for row in outcome.trace)) if getattr(outcome, "trace", None) else outcome
+
+
+def stored_energy(coupling, stretch):
+    """Energy of a coupling and its stops (J), by its textbook form."""
+    if isinstance(coupling, ig.Rigid):
+        return 0.0 * stretch
+    if isinstance(coupling, ig.SpringDamper):
+        beyond = np.maximum(np.abs(stretch) - (coupling.stroke or np.inf), 0.0)
+        return 0.5 * coupling.stiffness * stretch**2 + 0.5e5 * beyond**2
+    x = coupling.rest + stretch
+    beyond = np.maximum(np.maximum(x - coupling.front_stop, coupling.rear_stop - x), 0.0)
+    spring = 0.5 * coupling.stiffness * (coupling.free_length - np.hypot(coupling.height, x)) ** 2
+    return spring + 0.5 * coupling.stop_stiffness * beyond**2

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from scipy.optimize import brentq
 from solver_scenes import BOTH, CRUISE, log_uniform, scene
 
 import impact_gym as ig
@@ -28,7 +27,7 @@ def test_hertz_is_the_closed_form_for_a_sphere_on_a_plane(tool, thing):
     assert k * approach**1.5 == pytest.approx(force, rel=1e-12)
 
 
-def test_materials_have_physical_numbers_and_say_whether_their_source_was_read():
+def test_materials_have_physical_numbers_and_a_source():
     for name, material in ig.MATERIALS.items():
         assert re.search(r"\bread\b|not checked here", material.source), name
         assert 0 < material.young[0] <= material.young[1] < 1e12
@@ -41,7 +40,7 @@ def test_materials_have_physical_numbers_and_say_whether_their_source_was_read()
 
 
 @pytest.mark.parametrize("shore", [20.0, 40.0, 60.0, 80.0])
-def test_modulus_of_rubber_is_that_of_a_durometer_as_a_flat_punch(shore):
+def test_modulus_of_rubber_is_that_of_a_flat_durometer(shore):
     # ASTM D2240, type A: the indenter is a cone from 1.27 to 0.79 mm; 0.55 to 8.05 N; 2.54 mm deep at hardness 0
     radius, force, depth = (0.79e-3 + 1.27e-3) / 4, 0.55 + 0.075 * shore, 2.54e-3 * (1 - shore / 100)
     young = (1 - 0.5**2) * force / (2 * radius * depth)  # Johnson, Contact Mechanics, eq. 3.36, incompressible
@@ -52,7 +51,7 @@ def test_modulus_of_rubber_is_that_of_a_durometer_as_a_flat_punch(shore):
         assert math.sqrt(low * high) == pytest.approx({40.0: 1.7e6, 60.0: 3.6e6}[shore], rel=0.02)  # of Gent's table
 
 
-def test_material_ranges_contain_a_pair_within_them_and_are_ranges_of_a_scenario():
+def test_material_ranges_contain_a_pair_and_are_of_a_scenario():
     ranges = ig.material_ranges((0.01, 0.03), "rubber, Shore A 50", "steel")
     low, high = ranges["contact_stiffness"]
     assert low < ig.hertz(0.02, 2.5e6, 0.48, 200e9, 0.29) < high
@@ -69,7 +68,7 @@ PUSH = RNG.uniform(-1.0, 1.0, 200)
 
 
 @pytest.mark.parametrize("push", [(), (PUSH,)], ids=["free", "pushed"])
-def test_free_tool_changes_momentum_by_the_push_and_relative_velocity_by_the_restitution(push):
+def test_free_tool_obeys_push_and_restitution(push):
     after_t, after_p = impact.free_tool(M_T, M_P, V_T, V_P, E, *push)
     assert M_T * after_t + M_P * after_p == pytest.approx(M_T * V_T + M_P * V_P + sum(push), rel=1e-12, abs=1e-12)
     assert after_p - after_t == pytest.approx(E * (V_T - V_P), abs=1e-12)
@@ -83,35 +82,22 @@ def test_rigid_and_free_tool_have_the_papers_examples():
     v_t, v_p = impact.free_tool(0.125, 0.25, 1.0, 0.0, [0.0, 1.0])
     assert v_t == pytest.approx([1 / 3, -1 / 3])  # Fig. 2, by hand
     assert v_p == pytest.approx([1 / 3, 2 / 3])
-
-
-def test_sliding_distance_is_infinite_without_friction_and_0_at_rest():
-    assert impact.sliding_distance([1.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.5, 0.5])[:2].tolist() == [np.inf, 0.0]
+    assert impact.sliding_distance([1.0, 0.0, 2.0], [0.0, 0.0, 0.5]) == pytest.approx([math.inf, 0.0, 4 / 9.80665])
 
 
 @pytest.mark.parametrize("restitution", [0.1, 0.5, 1.0])
 def test_stiff_simulated_contact_approaches_eq_3_and_4(restitution):
-    errors, stiffnesses, share = [], [1e11, 1e12, 1e13], 0.125 / 0.375
+    errors, stiffnesses = [], [1e11, 1e12, 1e13]
     for stiffness in stiffnesses:
         sprung = scene(stiffness, restitution, ig.SpringDamper(150.0), dissipation="exact")
         contact = ig.simulate(sprung, CRUISE, duration=0.5, rtol=1e-11).contacts[0]
-        args = (0.125, 0.25, contact.approach_velocity, 0.0, restitution)
-        tool, thing = impact.free_tool(*args)
-        # the spring adds at most its force on a tool that lags by its full change of velocity
-        jump, duration = contact.approach_velocity - tool, contact.end - contact.start
-        bound = (2 * math.sqrt(150.0 * 0.125) + 150.0 * duration) * jump * duration / 0.375
-        assert 0 < contact.object_velocity - thing < 1.001 * bound
-        assert contact.object_velocity - contact.separation_velocity == pytest.approx(tool, abs=2 * bound / share)
+        thing = impact.free_tool(0.125, 0.25, contact.approach_velocity, 0.0, restitution)[1]
         errors.append(contact.object_velocity / thing - 1)
-        # eq. 22 includes the coupling's impulse: the rest is the change of restitution by the push
-        lost = contact.separation_velocity - restitution * contact.approach_velocity
-        left = contact.object_velocity - impact.free_tool(*args, contact.coupling_impulse)[1]
-        assert left == pytest.approx(share * lost, abs=1e-12)
     # the contact's duration, over which the coupling pushes, goes with k_c^(-2/5)
     assert np.polyfit(np.log(stiffnesses), np.log(errors), 1)[0] == pytest.approx(-0.4, abs=0.03)
 
 
-def test_elastic_contact_under_a_push_stores_the_energy_and_the_work_of_the_push():
+def test_elastic_contact_stores_energy_and_work_of_the_push():
     random = np.random.default_rng(5)
     for share in random.uniform(0.01, 0.6, 100):
         k_c, mass, peak = (log_uniform(random, *ends) for ends in ((1e3, 1e7), (0.02, 5.0), (1.0, 1000.0)))
@@ -124,20 +110,7 @@ def test_elastic_contact_under_a_push_stores_the_energy_and_the_work_of_the_push
         assert outcome.peak_force == pytest.approx(peak, rel=1e-5)
 
 
-MECHANISM, TOOL_MASS, FAR = ig.Bistable(), 0.125, 1e3  # kg; m, an object that the tool never reaches
-
-
-def of_mechanism(*, speed=1.0, acceleration=8.0, distance=0.2505, duration=1.5):
-    """The outcome, and the slider's position from the alignment, m; at rest the stop bears the preload."""
-    motion = ig.Trapezoid(speed, acceleration, ig.Brake(deceleration=8.0))
-    outcome = ig.simulate(scene(1e3, 0.1, MECHANISM, distance=distance), motion, duration, 1e-10, trace=True)
-    return outcome, outcome.trace.tool_position - outcome.trace.flange_position + MECHANISM.rest
-
-
-def test_force_is_minus_the_slope_of_the_energy():
-    x, h = np.linspace(-0.08, 0.08, 41), 1e-6
-    slope = (MECHANISM.energy(x + h) - MECHANISM.energy(x - h)) / (2 * h)
-    assert MECHANISM.force(x) == pytest.approx(-slope, abs=1e-8)
+MECHANISM, TOOL_MASS = ig.Bistable(), 0.125  # kg
 
 
 @pytest.mark.parametrize("force", [MECHANISM.force, np.vectorize(BistableForce(MECHANISM, TOOL_MASS).spring)])
@@ -148,57 +121,36 @@ def test_force_has_the_numbers_of_fig_22(force):
     assert x[force(x).argmax()] == pytest.approx(25.69e-3, abs=5e-6)
     assert x[1:][force(x[1:]) > 0].max() == pytest.approx(64.156e-3, abs=1e-6)
     assert barrier == pytest.approx(44.1e-3, abs=5e-6)
-    assert MECHANISM.energy(0.0) == pytest.approx(barrier, rel=1e-9)
+    assert MECHANISM.energy([0.0, 0.01]) == pytest.approx([barrier, barrier - quad(force, 0.0, 0.01)[0]], rel=1e-9)
     assert MECHANISM.stroke == pytest.approx(64.156e-3, abs=5e-7)
     assert force(MECHANISM.stroke * np.array([-1.0, 0.0, 1.0])) == pytest.approx([0.0] * 3, abs=1e-14)
 
 
-def test_mechanism_starts_at_rest_under_its_preload():
-    outcome, x = of_mechanism(acceleration=1e-6, distance=FAR, duration=1.0)
-    trace = outcome.trace
-    assert trace.coupling_force[trace.time == 0.0] == pytest.approx(0.0, abs=1e-12)
-    assert x == pytest.approx(MECHANISM.rest, abs=1e-11)
-    assert np.abs(trace.tool_velocity - trace.flange_velocity).max() < 1e-9
-
-
-@pytest.mark.parametrize("stop_stiffness", [1e2, 1e5, 1e9])
-def test_slider_rests_where_its_front_stop_bears_the_preload(stop_stiffness):
+def test_slider_rests_where_its_front_stop_bears_the_preload():
     rng = np.random.default_rng(8)
-    for _ in range(200):
+    for stop_stiffness in [1e2, 1e5, 1e9] * 60:
         height = rng.uniform(0.005, 0.06)
         mechanism = ig.Bistable(rng.uniform(20.0, 2000.0), rng.uniform(1.05, 2.0) * height, height, 1e-6, -1e-6)
         front = mechanism.stroke * rng.uniform(0.01, 0.99)
         mechanism = replace(mechanism, front_stop=front, stop_stiffness=stop_stiffness)
-
-        def net(x, mechanism=mechanism):
-            return mechanism.force(x) - mechanism.stop_stiffness * (x - mechanism.front_stop)
-
-        exact = brentq(net, front, mechanism.stroke, xtol=1e-300, rtol=8.9e-16)
-        assert mechanism.rest == pytest.approx(exact, rel=1e-14)
+        assert mechanism.rest == pytest.approx(BistableForce(mechanism, TOOL_MASS).x0, rel=1e-14)
 
 
 @pytest.mark.parametrize(("share", "pressed", "held"), [(0.87, True, True), (0.97, False, True), (1.03, False, False)])
-def test_mechanism_leaves_the_front_stop_if_the_flange_accelerates_faster_than_the_preload_holds(share, pressed, held):
+def test_mechanism_leaves_the_front_stop_above_its_preload(share, pressed, held):
     # The preload can accelerate the tool by preload / tool mass. After a sudden start the stop (zeta = 1) overshoots by
     # exp(-2), so the slider leaves it for a moment from a share of 1 / (1 + exp(-2)) = 0.8808 on.
     acceleration = share * MECHANISM.force(MECHANISM.front_stop) / TOOL_MASS
-    _, x = of_mechanism(speed=0.5, acceleration=acceleration, distance=FAR, duration=0.5 / acceleration)
+    far, motion = scene(1e3, 0.1, MECHANISM, distance=1e3), ig.Trapezoid(0.5, acceleration)
+    trace = ig.simulate(far, motion, 0.5 / acceleration, 1e-10, trace=True).trace
+    x = trace.tool_position - trace.flange_position + MECHANISM.rest
     assert np.all(x > MECHANISM.front_stop) == pressed  # throughout
     assert (x[-1] > MECHANISM.front_stop) == held
 
 
-@pytest.mark.parametrize("speed", [0.3, 1.0, 2.0])
-def test_stops_never_pull(speed):
-    outcome, x = of_mechanism(speed=speed, duration=3.0)
-    stop = outcome.trace.coupling_force - MECHANISM.force(x)
-    assert np.all(stop[x > 0] <= 1e-9)
-    assert np.all(stop[x < 0] >= -1e-9)
-    assert np.all(np.abs(stop[(x > MECHANISM.rear_stop) & (x < MECHANISM.front_stop)]) < 1e-6)
-
-
 @BOTH
 @pytest.mark.parametrize("zeta", [0.0, 0.1, 0.3, 0.5, 1.0, 2.0, 4.0])
-def test_stop_returns_what_a_spring_and_damper_that_never_pulls_returns(simulate, zeta):
+def test_stop_returns_what_a_damper_that_never_pulls_returns(simulate, zeta):
     # exp(-2 zeta arccos(zeta) / sqrt(1 - zeta^2)), so exp(-2) = 0.1353 at zeta = 1: not 'completely inelastic'.
     # The spring is so weak that the tool stands still until the rear stop hits it at the flange's speed, 1 m/s.
     weak = ig.Bistable(stiffness=1e-9, front_stop=5e-3, rear_stop=-5e-3, stop_damping_ratio=zeta)

@@ -5,16 +5,15 @@ from itertools import pairwise, product
 import mpmath
 import numpy as np
 import pytest
-from impact_gym.kernels import APPROACH
+from reference_table import GROUND, table
 from scipy.interpolate import CubicHermiteSpline
-from solver_scenes import BOTH, CRUISE, MOTION, fast, scene, slow
+from solver_scenes import BOTH, CRUISE, fast, scene, slow
 
 import impact_gym as ig
 from experiments.reference.laws import CLOSURES
 from impact_gym.physics import dissipation
-from impact_gym.to_kernel import contact_to_kernel
 
-TOOL_MASS, OBJECT_MASS, STIFFNESS = 0.125, 0.25, 1e5  # kg, kg, N/m^1.5
+OBJECT_MASS, STIFFNESS = 0.25, 1e5  # kg, N/m^1.5
 RTOL = 1e-12
 
 # found by an independent solver at rtol 1e-11, not printed in the paper (docs/provenance.md)
@@ -54,7 +53,7 @@ def pushed(simulate, restitution, push):
 
 @BOTH
 @pytest.mark.parametrize("restitution", SHAPES)
-def test_isolated_contact_has_duration_peak_and_depth_of_the_golden_table(simulate, restitution):
+def test_isolated_contact_has_the_shape_of_the_golden_table(simulate, restitution):
     (contact,), t0 = simulate(scene(STIFFNESS, restitution), CRUISE, 1.5).contacts, time_scale()
     duration, depth, peak_force = SHAPES[restitution]
     assert contact.end - contact.start == pytest.approx(duration * t0, rel=1e-9)
@@ -73,7 +72,7 @@ def test_isolated_contact_has_duration_peak_and_depth_of_the_golden_table(simula
 
 @BOTH
 @pytest.mark.parametrize(("restitution", "push"), PUSHED)
-def test_pushed_contact_has_separation_velocity_and_duration_of_the_golden_table(simulate, restitution, push):
+def test_pushed_contact_is_that_of_the_golden_table(simulate, restitution, push):
     contact, (separation_velocity, duration) = pushed(simulate, restitution, push), PUSHED[restitution, push]
     assert contact.separation_velocity == pytest.approx(separation_velocity, abs=1e-9)
     assert (contact.end - contact.start) / time_scale() == pytest.approx(duration, abs=1e-6)
@@ -81,56 +80,43 @@ def test_pushed_contact_has_separation_velocity_and_duration_of_the_golden_table
 
 @BOTH
 @pytest.mark.parametrize(("restitution", "critical"), CRITICAL_PUSH.items())
-def test_pushed_contact_ends_below_the_critical_push_and_lasts_above(simulate, restitution, critical):
+def test_pushed_contact_lasts_above_the_critical_push(simulate, restitution, critical):
     assert pushed(simulate, restitution, critical - 1e-6).end is not None
-    for push in (critical + 1e-6, 1.1 * critical, *(push for push in (0.05, 0.1) if push > critical)):
+    for push in (critical + 1e-6, 1.1 * critical)[: 2 if simulate is fast else 1]:
         assert pushed(simulate, restitution, push).end is None
 
 
-@BOTH
-@pytest.mark.parametrize("robot", [None, ig.Robot(5.225, 1.9e5, 50.4)], ids=["imposed", "robot"])
-@pytest.mark.parametrize("coupling", [ig.Rigid(), ig.SpringDamper(150.0), ig.SpringDamper(300.0, 0.1), ig.Bistable()])
-def test_coupling_impulse_closes_the_budget_of_eq_22(simulate, robot, coupling):
-    scenes = [(1e3, 0.1), (1e5, 0.3), (1e5, 1.0)] if simulate is slow else product([1e3, 1e5], [0.1, 0.3, 0.6, 1.0])
-    for k_c, restitution in scenes:
-        rtol = 1e-9 if simulate is fast else 1e-11
-        outcome = simulate(scene(k_c, restitution, coupling, robot), MOTION, 1.5, rtol=rtol)
-        moving = TOOL_MASS + (robot.mass if robot and isinstance(coupling, ig.Rigid) else 0.0)
-        # eq. 22 summed over the contacts, each with its effective restitution
-        velocity = outcome.coupling_impulse / (moving + OBJECT_MASS)
-        for contact in outcome.contacts:
-            velocity += moving / (moving + OBJECT_MASS) * (contact.approach_velocity + contact.separation_velocity)
-        assert outcome.object_velocity == pytest.approx(velocity, rel=1e-12 if simulate is fast else 1e-9)
-        impulse = sum(contact.impulse for contact in outcome.contacts)
-        assert impulse == pytest.approx(OBJECT_MASS * outcome.object_velocity, rel=1e-12)
-        assert simulate is not fast or outcome.momentum_error < 1e-12
+@pytest.mark.parametrize(
+    "family", sorted({*table()} - {*GROUND, "rigid, robot table"})
+)  # its mass depends on the place
+def test_coupling_impulse_closes_the_budget_of_eq_22(family):
+    for run in table()[family]:
+        chain, ours = run.approach[0], ig.simulate(*run.approach, rtol=1e-9)
+        moving, struck = chain.tool.mass, chain.object.mass
+        if isinstance(chain.coupling, ig.Rigid) and chain.robot is not None:
+            moving += chain.robot.mass
+        for outcome, close in ((run.outcome, 1e-9), (ours, 1e-12)):
+            # eq. 22 summed over the contacts, each with its effective restitution
+            velocity = outcome.coupling_impulse / (moving + struck)
+            for contact in outcome.contacts:
+                parting = 0.0 if contact.end is None else contact.separation_velocity
+                velocity += moving / (moving + struck) * (contact.approach_velocity + parting)
+            finished = all(contact.end is not None for contact in outcome.contacts)
+            assert not finished or outcome.object_velocity == pytest.approx(velocity, rel=close)
+            impulse = sum(contact.impulse for contact in outcome.contacts)
+            assert impulse == pytest.approx(struck * outcome.object_velocity, rel=1e-12)
+            if outcome.contacts:
+                assert outcome.contacts[-1].object_velocity == pytest.approx(outcome.object_velocity, rel=1e-12)
+                assert outcome.peak_force == max(contact.peak_force for contact in outcome.contacts)
 
 
-def test_object_meets_an_accelerating_tool_again_as_fast_as_it_left():
+def test_object_meets_the_tool_again_as_fast_as_it_left():
     # a tool that accelerates at 20 m/s^2 behind an object: in its frame, a ball that falls on a plate
     contacts = ig.simulate(scene(1e10, 0.9, distance=0.01), ig.Trapezoid(50.0, 20.0), 1.0, RTOL).contacts
     assert len(contacts) > 30
     for before, after in pairwise(contacts):
         assert after.approach_velocity == pytest.approx(before.separation_velocity, rel=1e-9)
         assert after.start - before.end == pytest.approx(2 * before.separation_velocity / 20.0, abs=1e-12)
-        # chi follows from each approach velocity, so every bounce keeps the same share. The push reduces that share by
-        # 0.261 (push 0.01) to 0.291 (push 0.1) of itself, by the golden table.
-        push = 20.0 * time_scale(1e10, before.approach_velocity) / before.approach_velocity
-        shown = before.separation_velocity / before.approach_velocity
-        if push < 0.1:
-            assert 0.25 * push < ig.effective_restitution("hu-guo", 0.9) - shown < 0.292 * push
-
-
-@pytest.mark.parametrize("e", [0.1, 0.5, 1.0])
-def test_code_for_exponents_of_hertz_gives_what_the_code_for_any_exponents_gives(e):
-    exponents = {"stiffness_exponent": 1.5 + 1e-13, "damping_exponent": 1.5 + 1e-13}
-    chains = [scene(1e5, e, ig.SpringDamper(150.0), **powers) for powers in ({}, exponents)]
-    laws = [dict(zip(APPROACH["contact"].names, contact_to_kernel(chain.contact), strict=True)) for chain in chains]
-    assert [(law["twice_m"], law["twice_n"]) for law in laws] == [(3, 3), (-1, -1)]
-    hertz, power = (ig.simulate(chain, MOTION, 1.0, 1e-11) for chain in chains)
-    assert power.object_velocity == pytest.approx(hertz.object_velocity, rel=1e-9)
-    assert power.peak_force == pytest.approx(hertz.peak_force, rel=1e-9)
-    assert power.detection_time == pytest.approx(hertz.detection_time, rel=1e-10)
 
 
 RESTITUTIONS = np.unique(np.concatenate([np.geomspace(1e-3, 1.0, 80), 1.0 - np.geomspace(1e-15, 0.5, 60)]))
@@ -149,7 +135,7 @@ def test_delivered_is_the_closed_form_to_fourteen_digits():
 
 
 @pytest.mark.parametrize("law", ["exact", *CLOSURES])
-def test_effective_restitution_of_each_law_is_right_to_1e_14_and_its_damping_delivers_it(law):
+def test_effective_restitution_of_each_law_is_right_to_1e_14(law):
     effective = ig.effective_restitution(law, RESTITUTIONS[:, None])
     assert effective.shape == (len(RESTITUTIONS), 1)
     assert isinstance(ig.effective_restitution(law, 0.5), float)
@@ -164,31 +150,44 @@ HOOKE = {"dissipation": "exact", "stiffness_exponent": 1.0, "damping_exponent": 
 HERTZ = [{"dissipation": law} for law in ("exact", *CLOSURES)]
 OTHER_POWERS = [law | {"stiffness_exponent": m, "damping_exponent": m} for law in HERTZ for m in (1.0, 3.0)]
 MIXED = [HOOKE | {"stiffness_exponent": m, "damping_exponent": n}
-         for m, n in ((1.2, 1.7), (1.5, 0.0), (1.5, 1.0), (1.5, 2.0), (2.0, 1.5), (2.0, 2.0))]  # fmt: skip
-RESTITUTIONS_OF_CONTACTS = (0.01, 0.02, 0.05, 0.1, 0.25, 0.4, 0.5, 0.75, 0.9, 1.0)
+         for m, n in ((1.5, 1.0), (1.2, 1.7), (1.5, 0.0), (1.5, 2.0), (2.0, 1.5), (2.0, 2.0))]  # fmt: skip
+RESTITUTIONS_OF_CONTACTS = 0.01, 0.02, 0.05, 0.1, 0.25, 0.4, 0.5, 0.75, 0.9, 1.0
 """They include those of Project Chrono's test of the normal restitution, which requires 1e-3."""
 
 
-@BOTH
+def rebound(simulate, law, restitution, stiffness=1e5, mass=0.25, speed=1.0):
+    """Let a moving wall meet an object; return the contact after checks that need no law."""
+    t0 = (mass * speed**2 / stiffness) ** (1 / (law.get("stiffness_exponent", 1.5) + 1)) / speed
+    wall = scene(stiffness, restitution, m_p=mass, distance=0.2505 * speed, **law)
+    (hit,) = simulate(wall, ig.Trapezoid(speed, 8.0 * speed), 0.32 + 1000 * t0).contacts
+    delivered = ig.effective_restitution(law["dissipation"], restitution)
+    assert hit.start == pytest.approx(0.2505 + 1 / 16, rel=1e-14)
+    assert hit.approach_velocity == pytest.approx(speed, rel=1e-12)
+    assert hit.separation_velocity / speed == pytest.approx(delivered, rel=1e-10 if simulate is fast else 1e-9)
+    assert hit.object_velocity / speed == pytest.approx(1 + delivered, rel=1e-9)
+    return hit
+
+
 @pytest.mark.parametrize("law", [HOOKE, *HERTZ, *OTHER_POWERS, *MIXED], ids=str)
-def test_object_rebounds_from_a_moving_wall_with_the_restitution_of_each_law_whatever_the_scales(simulate, law):
-    random, power = np.random.default_rng(1), law.get("stiffness_exponent", 1.5)
+def test_restitution_is_that_of_the_law_whatever_the_scales(law):
+    random = np.random.default_rng(1)
     for restitution in RESTITUTIONS_OF_CONTACTS:
-        others = 10 ** random.uniform([2, -3.6, -2], [10, 2.4, 1.5], (8, 3))
-        for stiffness, mass, speed in [(1e5, 0.25, 1.0), *(others.tolist() if simulate is fast else [])]:
-            t0 = (mass * speed**2 / stiffness) ** (1 / (power + 1)) / speed
-            wall = scene(stiffness, restitution, m_p=mass, distance=0.2505 * speed, **law)
-            (hit,) = simulate(wall, ig.Trapezoid(speed, 8.0 * speed), 0.32 + 1000 * t0).contacts
-            delivered = ig.effective_restitution(law["dissipation"], restitution)
-            assert hit.start == pytest.approx(0.2505 + 1 / 16, rel=1e-14)
-            assert hit.approach_velocity == pytest.approx(speed, rel=1e-12)
-            assert hit.separation_velocity / speed == pytest.approx(delivered, rel=1e-10 if simulate is fast else 1e-9)
-            assert hit.object_velocity / speed == pytest.approx(1 + delivered, rel=1e-9)
-            assert simulate is not fast or hit.momentum_error < 1e-12
+        scales = 10 ** random.uniform([2, -3.6, -2], [10, 2.4, 1.5], (5, 3))
+        for numbers in [(), *scales.tolist()]:
+            rebound(fast, law, restitution, *numbers)
+
+
+ALL = pytest.param([HOOKE, *HERTZ, *OTHER_POWERS, *MIXED], RESTITUTIONS_OF_CONTACTS, marks=pytest.mark.slow, id="all")
+
+
+@pytest.mark.parametrize(("laws", "restitutions"), [([HOOKE, *HERTZ, MIXED[0]], (0.1, 0.5, 1.0)), ALL])
+def test_reference_has_the_restitution_of_the_law(laws, restitutions):
+    for law, restitution in product(laws, restitutions):
+        rebound(slow, law, restitution)
 
 
 @pytest.mark.parametrize("zeta", [0.05, 0.4, 1.0 - 1e-9, 1.0, 1.0 + 1e-9, 1.5, 1e3])
-def test_delivered_linear_is_the_velocity_at_which_the_force_of_an_oscillator_becomes_0(zeta):
+def test_delivered_linear_is_that_of_an_oscillator(zeta):
     # x'' + 2 zeta x' + x = 0, x' = 1: the force 2 zeta x' + x ends at omega_d t = pi - 2 arcsin(zeta), with -x' = e
     with mpmath.workdps(50):
         z = mpmath.mpf(zeta)

@@ -1,7 +1,4 @@
-"""Events found on the integrator's polynomial: peak force, alarm, clamp, separation.
-
-Each is compared with a closed form, to the tolerance that was asked for.
-"""
+"""Peak force, alarm, clamp and separation against closed forms, to the tolerance that was asked for."""
 
 import cmath
 import math
@@ -16,7 +13,7 @@ from solver_scenes import log_uniform, scene
 import impact_gym as ig
 
 ROUNDING = 1e-12  # of a clock at 1 s, over the durations below
-EVERY_TOLERANCE = pytest.mark.parametrize("rtol", [1e-4, 1e-6, 1e-8, 1e-10])
+EVERY_TOLERANCE = pytest.mark.parametrize("rtol", [1e-4, 1e-7, 1e-10])
 
 
 class Elastic:
@@ -83,12 +80,8 @@ class Oscillator:
     def derivative(self, n, t):
         return (np.exp(-self.zeta * t) * np.sin(self.w * t + n * (0.5 * math.pi + self.phi)) / self.w).real
 
-    def force(self, t, push=0.0):
-        """Contact force in the motion x'' + 2 zeta x' + x = push."""
-        return push - self.derivative(2, t) - push * self.derivative(1, t)
-
-    def growth(self, t, push):
-        return -self.derivative(3, t) - push * self.derivative(2, t)
+    def force(self, t):
+        return -self.derivative(2, t)
 
     def rises_to(self, force):
         """Time (s) from the onset until the contact has this force (N)."""
@@ -104,8 +97,8 @@ class Oscillator:
 
 @EVERY_TOLERANCE
 @pytest.mark.parametrize("kind", [Elastic, Oscillator])
-def test_peak_duration_and_separation_of_a_contact_are_those_of_its_closed_form(kind, rtol):
-    for seed in range(100):
+def test_peak_duration_and_separation_are_those_of_a_closed_form(kind, rtol):
+    for seed in range(60):
         case = kind(seed)
         (contact,) = case.run(0.3 * case.peak, rtol).contacts
         assert contact.start == pytest.approx(case.start, rel=1e-14)
@@ -115,10 +108,10 @@ def test_peak_duration_and_separation_of_a_contact_are_those_of_its_closed_form(
 
 
 @EVERY_TOLERANCE
-@pytest.mark.parametrize("share", [1e-3, 0.1, 0.5, 0.7, 0.9, 0.999])
+@pytest.mark.parametrize("share", [1e-3, 0.5, 0.9, 0.999])
 @pytest.mark.parametrize("kind", [Elastic, lambda seed: Oscillator(seed, zeta=(0.01, 0.49))], ids=["elastic", "damped"])
 def test_alarm_comes_when_the_force_has_risen_to_its_threshold(kind, share, rtol):
-    for seed in range(50):
+    for seed in range(30):
         case = kind(seed)
         threshold = case.least + share * (case.peak - case.least)
         delay = case.run(threshold, rtol).detection_time - case.start
@@ -128,7 +121,7 @@ def test_alarm_comes_when_the_force_has_risen_to_its_threshold(kind, share, rtol
 
 
 @EVERY_TOLERANCE
-def test_alarm_comes_for_a_threshold_just_below_the_peak_and_not_just_above(rtol):
+def test_alarm_comes_just_below_the_peak_and_not_just_above(rtol):
     for seed, margin in product(range(50), (2 * rtol, 1e-3)):
         case = Elastic(seed)
         below, above = (case.run(case.peak * (1 + side * margin), rtol) for side in (-1, 1))
@@ -140,8 +133,8 @@ def test_alarm_comes_for_a_threshold_just_below_the_peak_and_not_just_above(rtol
 
 @EVERY_TOLERANCE
 @pytest.mark.parametrize("share", [0.0, 0.99])  # of the force at the onset
-def test_linear_contact_raises_the_alarm_at_once_and_has_the_force_of_the_oscillator_until_its_clamp(share, rtol):
-    for seed in range(100):
+def test_linear_contact_has_the_force_of_an_oscillator(share, rtol):
+    for seed in range(20):
         case = Oscillator(seed)
         outcome = case.run(share * case.least, rtol, trace=True)
         (contact,), trace = outcome.contacts, outcome.trace
@@ -149,18 +142,5 @@ def test_linear_contact_raises_the_alarm_at_once_and_has_the_force_of_the_oscill
         time = (trace.time - contact.start) / case.second
         touching = (time > 0.0) & (time < case.clamped)
         expected = case.newton * case.force(time[touching])
-        assert trace.contact_force[touching] == pytest.approx(expected, abs=(rtol + 1e-9) * contact.peak_force)
+        assert np.abs(trace.contact_force[touching] - expected).max() <= (rtol + 1e-9) * contact.peak_force
         assert np.all(trace.contact_force >= 0.0)
-
-
-@EVERY_TOLERANCE
-def test_peak_of_a_linear_contact_under_a_push_is_that_of_the_oscillator(rtol):
-    # with damping alone the force would fall from the onset; here the flange still accelerates, so the force rises
-    for seed in range(50):
-        case, random = Oscillator(seed, zeta=(0.5, 1.2)), np.random.default_rng([15, seed])
-        push = 2 * case.zeta - (1 - 10 ** random.uniform(-3, -0.3)) / (2 * case.zeta)  # the slope at the onset
-        speed, peak_at = 20.0 * case.second / push, brentq(case.growth, 0.0, 2.0, (push,), xtol=1e-15)
-        linear = scene(case.stiffness, case.restitution, m_p=case.mass, distance=speed**2 / (2 * 20.0), **LINEAR)
-        (contact,) = ig.simulate(linear, ig.Trapezoid(1e3, 20.0), (1 / push + 2) * case.second, rtol).contacts
-        newton = math.sqrt(case.mass * case.stiffness) * speed
-        assert contact.peak_force == pytest.approx(case.force(peak_at, push) * newton, rel=rtol)

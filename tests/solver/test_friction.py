@@ -1,21 +1,18 @@
-"""Friction under the object: closed forms and energy; the stroke of a spring; a fixed damping."""
+"""Closed forms of friction under the object, of the stroke of a spring, and of a fixed damping."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
-from solver_scenes import CRUISE, MOTION, on_rough_ground, scene
+from solver_scenes import CRUISE, MOTION, SPRING, scene
 
 import impact_gym as ig
 from impact_gym.physics.impact import GRAVITY, sliding_distance
 
-SPRING = ig.SpringDamper(150.0)
-
 
 @pytest.mark.parametrize("coupling", [ig.Rigid(), SPRING, ig.SpringDamper(150.0, 0.1), ig.Bistable()], ids=str)
 @pytest.mark.parametrize("friction", [0.05, 0.3])
-def test_object_slides_as_far_as_its_last_speed_and_friction_say_and_rests(coupling, friction):
+def test_object_slides_as_far_as_its_last_speed_allows_and_rests(coupling, friction):
     outcome = ig.simulate(scene(1e5, 0.5, coupling, m_p=0.4, friction=friction), MOTION, duration=4.0, trace=True)
     last, trace = outcome.contacts[-1], outcome.trace
     gone = sliding_distance(last.object_velocity, friction)
@@ -32,7 +29,7 @@ def test_object_slides_as_far_as_its_last_speed_and_friction_say_and_rests(coupl
     assert early.slide == pytest.approx(outcome.slide, rel=1e-9)
 
 
-def test_rest_time_of_a_rigid_tool_is_the_later_of_flange_and_object():
+def test_rest_time_is_the_later_of_flange_and_object():
     slippery, sticky = (ig.simulate(scene(1e6, 0.5, m_p=0.4, friction=mu), MOTION, duration=4.0) for mu in (0.05, 2.0))
     last = slippery.contacts[-1]
     assert slippery.rest_time == pytest.approx(last.end + last.object_velocity / (0.05 * GRAVITY), rel=1e-12)
@@ -40,7 +37,7 @@ def test_rest_time_of_a_rigid_tool_is_the_later_of_flange_and_object():
     assert ig.simulate(scene(1e6, 0.5, friction=0.3), CRUISE).rest_time == math.inf  # a flange that never brakes
 
 
-def test_tool_rests_once_its_oscillation_is_slower_than_a_millimetre_a_second():
+def test_tool_rests_once_it_is_slower_than_a_millimetre_a_second():
     outcome = ig.simulate(scene(1e5, 0.5, ig.SpringDamper(150.0, 0.1), friction=0.5), MOTION, duration=4.0, trace=True)
     trace = outcome.trace
     fast = trace.time[np.abs(trace.tool_velocity) > 1e-3]
@@ -48,7 +45,7 @@ def test_tool_rests_once_its_oscillation_is_slower_than_a_millimetre_a_second():
 
 
 @pytest.mark.parametrize("coupling", [ig.Rigid(), SPRING], ids=str)
-def test_force_below_the_friction_moves_nothing_and_one_above_does(coupling):
+def test_force_moves_the_object_only_above_its_friction(coupling):
     k_c, m_p, depth = 1e4, 5.0, 1e-3  # the depth of a press at 1 mm/s
     slow = ig.Trapezoid(1e-3, 8.0, ig.Brake(1e-6, delay=1.0, deceleration=1e3))
     at_most, at_least = (2.6 * k_c * depth**1.5, k_c * depth**1.5) if coupling == ig.Rigid() else (0.15, 0.149)
@@ -62,59 +59,22 @@ def test_force_below_the_friction_moves_nothing_and_one_above_does(coupling):
             assert outcome.rest_time < 3.0
 
 
-def test_steady_push_has_the_force_of_friction_and_a_tool_catches_up_with_an_object_that_slows_down():
+def test_steady_push_has_the_force_of_friction():
     pushed = scene(1e4, 0.1, SPRING, m_p=0.5, friction=0.4)
     outcome = ig.simulate(pushed, ig.Trapezoid(0.2, 8.0), duration=4.0, trace=True)
     assert outcome.trace.contact_force[-1] == pytest.approx(0.4 * 0.5 * GRAVITY, rel=1e-6)
     assert outcome.object_velocity == pytest.approx(0.2, rel=1e-6)
     assert outcome.momentum_error < 1e-9
+
+
+def test_tool_catches_up_with_an_object_that_friction_slows_down():
     outcome = ig.simulate(scene(1e5, friction=5e-4), ig.Trapezoid(0.01, 8.0), duration=40.0)
     assert outcome.momentum_error < 1e-9
     first, second, *_ = outcome.contacts
     assert second.start - first.end == pytest.approx(2.0 * first.separation_velocity / (5e-4 * GRAVITY), rel=1e-9)
 
 
-def test_friction_takes_at_most_mu_g_for_the_time_of_the_contact_and_0_is_no_friction():
-    for coupling in (ig.Rigid(), ig.SpringDamper(20.0)):
-        free, *_ = ig.simulate(scene(1e5, 0.5, coupling), CRUISE, duration=0.42).contacts
-        for friction in (1e-9, 0.1, 0.3):
-            struck = ig.simulate(scene(1e5, 0.5, coupling, friction=friction), CRUISE, duration=0.42).contacts[0]
-            lost = free.object_velocity - struck.object_velocity
-            assert -1e-9 <= lost <= friction * GRAVITY * (struck.end - struck.start) + 1e-9
-            assert lost > 1e-5 or friction == 1e-9
-    assert ig.simulate(scene(1e5, 0.5, friction=0.0), CRUISE) == ig.simulate(scene(1e5, 0.5), CRUISE)
-
-
-@pytest.mark.parametrize(
-    "features", [("friction",), ("stroke",), ("fixed",), ("friction", "stroke", "fixed")], ids="-".join
-)
-def test_energy_never_grows_beyond_the_work_of_flange_and_ground(features):
-    # at a constant speed v the work of the flange is v times the momentum that it gives; likewise that of the ground
-    for seed in range(0, 240, 12):  # without a robot
-        chain, motion, duration = on_rough_ground(seed, *features)
-        v, friction = motion.speed, (chain.object.friction or 0.0) * chain.object.mass * GRAVITY
-        outcome = ig.simulate(chain, replace(motion, brake=None), duration + 0.2, rtol=1e-11, trace=True)
-        trace, m = outcome.trace, chain.contact.stiffness_exponent
-        depth = np.maximum(trace.tool_position - trace.object_position, 0.0)
-        energy = 0.5 * chain.object.mass * trace.object_velocity**2 + 0.5 * chain.tool.mass * trace.tool_velocity**2
-        energy += chain.contact.stiffness * depth ** (m + 1) / (m + 1)
-        stretch = trace.tool_position - trace.flange_position
-        if isinstance(chain.coupling, ig.SpringDamper):
-            beyond = np.maximum(np.abs(stretch) - (chain.coupling.stroke or np.inf), 0.0)
-            energy += 0.5 * chain.coupling.stiffness * stretch**2 + 0.5e5 * beyond**2
-        elif isinstance(chain.coupling, ig.Bistable):
-            x, law = chain.coupling.rest + stretch, chain.coupling
-            beyond = np.maximum(np.maximum(x - law.front_stop, law.rear_stop - x), 0.0)
-            energy += law.energy(x) + 0.5 * law.stop_stiffness * beyond**2
-        given = chain.object.mass * trace.object_velocity + chain.tool.mass * trace.tool_velocity
-        made = np.diff(energy - v * given) - v * friction * np.diff(trace.time)
-        if isinstance(chain.coupling, ig.Rigid):  # the motion of the tool is imposed
-            made += np.diff(v * chain.tool.mass * trace.tool_velocity - 0.5 * chain.tool.mass * trace.tool_velocity**2)
-        steady = trace.time[:-1] > v / motion.acceleration * (1 + 1e-12)
-        assert made[steady].max() < 1e-9 * energy.max()
-
-
-def test_slow_touches_are_more_elastic_under_a_fixed_damping_and_have_the_restitution_at_its_velocity():
+def test_fixed_damping_has_its_restitution_at_one_velocity_only():
     delivered = []
     for speed in (0.05, 0.2, 0.8):
         fixed = scene(1e5, 0.4, dissipation="fixed", reference_velocity=0.2)
@@ -131,19 +91,7 @@ def test_slow_touches_are_more_elastic_under_a_fixed_damping_and_have_the_restit
     assert lost[1] / lost[0] == pytest.approx(2.0, rel=1e-3)
 
 
-def test_stroke_limits_the_deflection_and_changes_nothing_if_it_is_never_reached():
-    free = ig.simulate(scene(1e5, 0.5, SPRING), MOTION, rtol=1e-11, trace=True)
-    reach = np.abs(free.trace.tool_position - free.trace.flange_position).max()
-    wide = ig.simulate(scene(1e5, 0.5, ig.SpringDamper(150.0, stroke=1.1 * reach)), MOTION, rtol=1e-11)
-    assert wide.object_velocity == pytest.approx(free.object_velocity, rel=1e-9)
-    narrow = ig.simulate(scene(1e5, 0.5, ig.SpringDamper(150.0, stroke=0.5 * reach)), MOTION, trace=True)
-    stretch = np.abs(narrow.trace.tool_position - narrow.trace.flange_position).max()
-    assert 0.5 * reach < stretch < 0.5 * reach + 1e-2
-    assert abs(narrow.object_velocity - free.object_velocity) > 1e-3
-
-
-def test_stroke_shorter_than_the_deflection_under_the_arms_acceleration_is_warned_of_with_the_number():
+def test_stroke_too_short_for_the_arms_acceleration_is_warned_of():
     short = ig.SpringDamper(50.0, stroke=0.01)
-    said = r"stroke is 0\.01 m, but under 8 m/s\^2 the tool's place of rest is 0\.02 m away"
-    with pytest.warns(UserWarning, match=said):
+    with pytest.warns(UserWarning, match=r"stroke is 0\.01 m.* 8 m/s\^2 .* 0\.02 m"):
         ig.simulate(scene(1e5, 0.5, short), MOTION)
