@@ -95,9 +95,9 @@ class Hand:
         self.played = arm.play(line, Batch(1, SHORT, threads=1), command.SEED, 2.0, seconds)
 
     def answer(self, packet):
-        magic, sequence, stamp, approach, weight, time, *_ = READING.unpack(packet)
+        magic, sequence, stamp, approach, weight, time, _, velocity, *_ = READING.unpack(packet)
         assert (magic, sequence, stamp, weight) == (MAGIC, len(self.readings) + 1, self.world.now, 2.0)
-        self.readings.append(SimpleNamespace(stamp=stamp, approach=approach, time=time))
+        self.readings.append(SimpleNamespace(stamp=stamp, approach=approach, time=time, velocity=velocity))
         for answer in self.answers(self.readings[-1], sent(sequence, stamp)):
             self.world.call_at(self.world.now + self.delay, self.network.inbox.append, answer)
 
@@ -111,7 +111,9 @@ FAULTS = {
 @pytest.mark.parametrize(("reason", "approach"), [("none", 0), ("stale", 1), ("from another address", 1)])
 def test_arm_stops_0_1_s_after_the_last_good_packet(reason, approach, capsys):
     def answers(reading, packet):
-        good = reading.time < 0.1 or reading.approach < approach
+        if reading.approach < approach:
+            return [(packet, "ours"), (packet, "other")]
+        good = not 0.1 <= reading.time < 0.27  # what comes after the stop is ignored
         return [(packet, "ours")] if good else FAULTS[reason](packet, reading.stamp)
 
     hand = Hand(answers)
@@ -122,6 +124,7 @@ def test_arm_stops_0_1_s_after_the_last_good_packet(reason, approach, capsys):
     assert stop["rest"] - stop["at"] == pytest.approx(stop["velocity"] / 20.0, abs=2 * PERIOD)
     assert f"arm: stopped, no valid packet for 0.1 s: {stop['packets']}\n" == capsys.readouterr().out
     assert reason in stop["packets"]
+    assert (hand.readings[-1].time > 0.29, hand.readings[-1].velocity) == (True, 0.0)
     assert stop["packets"].split()[0] in ("none", "100", "101")  # of this approach
 
 
@@ -207,20 +210,20 @@ def test_controller_is_called_each_16_ms_and_at_each_alarm(probe):
     assert [each[:3] for each in commands] == [(MAGIC, k, 50.0 + k) for k in range(1, len(expected) + 1)]
 
 
-GOOD = [PROBED.pack(MAGIC, number, 1.0, 0.0, 2.0, 1e-3 * number, 0.0) for number in range(1, 10)]
+GOOD = [PROBED.pack(MAGIC, number, 1.0, 0.0, 2.0, 1e-3 * number, 0.0) for number in range(1, 210)]
 STALE = {
     "none": lambda packet: errno.EAGAIN, "no arm receives": lambda packet: errno.ECONNREFUSED,
     "no connection": lambda packet: errno.ENOTCONN, "too short": lambda packet: packet[:-1],
     "too long": lambda packet: packet + b"0", "of another kind": lambda packet: b"IGLOOP99" + packet[8:],
-    "out of order": lambda packet: GOOD[-1], "infinite stamp": lambda packet: PROBED.pack(MAGIC, 99, inf, 0, 2, 0.1, 0),
+    "out of order": lambda packet: GOOD[8], "infinite stamp": lambda packet: PROBED.pack(MAGIC, 999, inf, 0, 2, 0.1, 0),
     "NaN as number": lambda packet: PROBED.pack(MAGIC, nan, 1.0, 0, 2, 0.1, 0),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("fault", STALE)
 def test_controller_stops_0_1_s_after_the_last_good_packet(probe, fault):
-    (code, printed, warned), commands = steps(probe, GOOD + [STALE[fault](GOOD[0])] * 200)
-    assert (code, warned, len(commands)) == (3, SAID, len(GOOD) + 100)
+    (code, printed, warned), commands = steps(probe, GOOD[:9] + [STALE[fault](packet) for packet in GOOD[9:]])
+    assert (code, warned, len(commands)) == (3, SAID, 9 + 100)
     assert json.loads(printed)["refused"] == (0 if fault.startswith("no") else 101)
 
 

@@ -1,7 +1,6 @@
 """Pages and their server: in this process on simulated time, and as a process of its own."""
 
 import json
-import math
 import os
 import re
 import signal

@@ -1,23 +1,17 @@
 """Whole tries on simulated time: the clock that plays them, the stick, and the pages of a session."""
 
-import asyncio
-import json
 import os
 import resource
 import signal
-import threading
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from play_client import Page, choices, wanted
-from refusal import refused
+from play_client import Page, wanted
 
-from experiments.play import clock, server, tries, try_files
+from experiments.play import clock, tries, try_files
 from experiments.play.assistance import PERIOD
 from experiments.play.clock import HOLD, SILENT
-from experiments.play.session import Session
-from agents.setups import load_setup
 
 
 def given(this):
@@ -81,7 +75,8 @@ def test_try_counts_where_exact_times_change_1_percent_at_most(world, naps, push
     exact, this = scripted(world, page, {}, pushes).result, scripted(world, page, naps, pushes)
     assert exact["slide"] > 0.02
     near = [this.result[name] == pytest.approx(exact[name], rel=0.01) for name in ("slide", "done_time")]
-    assert (given(this)[1].tobytes() == given(scripted(world, page, {}, pushes))[1].tobytes()) == (min(naps.values()) < PERIOD)
+        min(naps.values()) < PERIOD
+    )
     assert all(near) == counts
     assert this.marks == ([] if counts else ["this computer was too busy; the try was not timed right: close other "
                                              "programs"])  # fmt: skip
@@ -165,7 +160,7 @@ def test_second_tab_watches_and_may_take_the_stick(world):
     this = world.play(first, steer)
     assert (this.marks, {*given(this)[1]}) == (["interrupted: another tab took the stick"], {0.0, 0.25})
     assert [page.got("role")[-1]["player"] for page in (first, second, third)] == [False, True, False]
-    assert [frame["to"][2] for frame in second.got("frame")][0] is None  # nobody is told where the object is
+    assert second.got("frame")[0]["to"][2] is None  # nobody is told where the object is
     assert second.got("ended")[0]["entry"]["marks"] == this.marks
     first.steer = lambda frame: None
     assert world.play(second, second.push).marks == []
@@ -191,8 +186,13 @@ def test_object_is_shown_where_seen_or_touched_or_at_the_end(world):
 
 def test_page_that_leaves_stops_the_arm_and_the_try_is_kept(world):
     page = Page(world)
-    world.play(page, lambda frame: world.session.leave(page, "the page was closed") if frame["n"] == 9 else page.push(frame))
-    ((_, this),) = try_files.folder_of(world.folder)
+
+    def steer(frame):
+        page.push(frame)
+        if frame["n"] == 9:
+            world.session.leave(page, "the page was closed")
+
+    this = world.play(page, steer)
     assert this.marks == ["interrupted: the page was closed"]
     assert given(this)[1][-1] == 0.0
 

@@ -3,16 +3,14 @@
 import json
 import math
 import os
-import resource
 
 import numpy as np
 import pytest
-from play_client import SETUP, near_setup, pushed, wanted
+from play_client import SETUP, pushed
 from refusal import refused
 
 from experiments.play import contest, tries, try_files
 from experiments.play.assistance import NAMES, PERIOD
-from experiments.play.clock import HOLD, SILENT, Clock, Stick
 
 
 @pytest.mark.parametrize("setup", ["teleop-rigid", SETUP, "teleop-bistable"])
