@@ -50,7 +50,7 @@ def test_only_our_own_page_is_answered(world, monkeypatch):
         assert asked(site, f"/token/{path}")[0] == 404
     assert [asked(site, method=method)[0] for method in ("POST", "HEAD", "TRACE")] == [405] * 3
     try_files.write(world.folder / "a b.json", this := pushed(lambda _: 0.5))
-    monkeypatch.setattr(serving.contest, "again", lambda found: vars(found))
+    monkeypatch.setattr(serving.contest, "again", vars)
     monkeypatch.setattr(serving.contest, "film", lambda found: {"of": found["result"]})
     assert json.loads(asked(site, "/token/film/a%20b")[2]) == {"of": this.result}
     assert "slow-motion" in asked(site, "/token/play.js")[2]

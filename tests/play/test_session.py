@@ -55,8 +55,8 @@ LATER = {at: 0.6 if 1.0 < at < 1.9 else 0.0 for at in BEATS}  # the same, a seco
 
 
 @pytest.mark.parametrize(("naps", "pushes", "counts"), [
-    ({0.1 * k: 0.015 for k in range(1, 20)}, AT_ONCE, True), ({0.3: 1.0}, AT_ONCE, False), ({0.5: 0.05}, AT_ONCE, False),
-    ({0.2: 0.01605}, LATER, True), ({0.2: 0.2}, LATER, False), ({1.2: 0.03}, LATER, False),
+    ({0.1 * k: 0.015 for k in range(1, 20)}, AT_ONCE, True), ({0.3: 1.0}, AT_ONCE, False),
+    ({0.5: 0.05}, AT_ONCE, False), ({0.2: 0.01605}, LATER, True), ({0.2: 0.2}, LATER, False), ({1.2: 0.03}, LATER, False),
 ])  # fmt: skip
 def test_try_counts_where_exact_times_change_1_percent_at_most(world, naps, pushes, counts):
     """The truth is the same hand at a computer that is never late."""
@@ -70,8 +70,9 @@ def test_try_counts_where_exact_times_change_1_percent_at_most(world, naps, push
     assert {*np.round(this.late, 5)} >= {0.0, nap}
     if nap < PERIOD:  # late by less than a step: nothing changes
         assert (this.result, -nap in np.round(this.late, 5)) == (exact, True)
-    else:  # nothing is made up for
-        assert np.diff([frame["at"] for frame in world.sent if frame["kind"] == "frame"]).min() > PERIOD - 1e-9
+    else:  # nothing is made up for; only the touch cuts a step short
+        at = [message["at"] for message in world.sent if message["kind"] == "frame"]
+        assert (np.diff(at) < PERIOD - 1e-9).sum() <= 1
 
 
 def test_stick_gives_the_command_at_any_moment():
@@ -165,10 +166,8 @@ def test_object_is_shown_where_seen_or_touched_or_at_the_end(world):
 
 def test_setting_reaches_the_episode(world):
     record = world.play(Page(world), delay=0.3, jitter=0.01, stiffness=70.0, distance=0.12).record
-    ways = {
-        f"{way}.{name}": value for way in ("uplink", "downlink") for name, value in (("delay", 0.15), ("jitter", 0.01))
-    }
-    expected = ways | {"coupling.stiffness": 70.0, "distance": 0.12}
+    expected = {"uplink.delay": 0.15, "downlink.delay": 0.15, "uplink.jitter": 0.01, "downlink.jitter": 0.01,
+                "coupling.stiffness": 70.0, "distance": 0.12}  # fmt: skip
     assert {name: record[name] for name in expected} == pytest.approx(expected)
 
 
