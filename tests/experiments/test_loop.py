@@ -71,7 +71,7 @@ def test_stamp_is_stale_after_0_1_s_or_before_the_approach():
             assert (line.newest() is None) == (age > oldest)
 
 
-def test_first_valid_packet_decides_who_steers_and_commands_nothing():
+def test_first_valid_packet_decides_who_steers():
     line = line_at(10.0, [(b"?", "other"), (sent(0.0, 0.0), "ours"), (sent(1.0), "other")], last=-1.0, peer=None)
     assert (line.newest(), line.peer, line.last) == (None, "ours", 0.0)
     assert line.refused == {"from another address": 1, "of a wrong size or kind: 1 bytes, not 40": 1}
@@ -85,11 +85,9 @@ class Hand:
     `answers(reading, packet)` are the packets that come instead of `packet`, each with its sender's address.
     """
 
-    def __init__(
-        self, answers=lambda reading, packet: [(packet, "ours")], delay=0.0, overslept=lambda: 0.0, seconds=60.0
-    ):
+    def __init__(self, answers=None, delay=0.0, overslept=lambda: 0.0, seconds=60.0):
         self.world, self.network, self.readings = World(overslept), Network(self.answer), []
-        self.answers, self.delay = answers, delay
+        self.answers, self.delay = answers or (lambda reading, packet: [(packet, "ours")]), delay
         self.network.inbox.append((sent(0.0, 0.0, 0.0), "ours"))
         line = Line(SHORT, self.network, self.world.time, self.world.sleep)
         self.played = arm.play(line, Batch(1, SHORT, threads=1), command.SEED, 2.0, seconds)
@@ -152,13 +150,10 @@ def test_age_is_from_a_reading_to_the_use_of_its_command(delay, age):
 
 def test_arm_waits_10_s_for_a_controller(tmp_path, monkeypatch):
     """In vain, and without permission for real-time priority."""
-    world, sent_ports, out = World(), [], tmp_path / "arm.json"
+    world, asked, ports, out = World(), [], [], tmp_path / "arm.json"
     line = Line(SHORT, Network(None), world.time, world.sleep)
-    assert (arm.play(line, Batch(1, SHORT, threads=1), 0, 2.0, 60.0), world.now) == (
-        [],
-        pytest.approx(arm.WAIT, abs=2 * PERIOD),
-    )
-    asked = []
+    assert arm.play(line, Batch(1, SHORT, threads=1), 0, 2.0, 60.0) == []
+    assert world.now == pytest.approx(arm.WAIT, abs=2 * PERIOD)
 
     def refuse(*priority):
         asked.append(priority)
@@ -166,9 +161,8 @@ def test_arm_waits_10_s_for_a_controller(tmp_path, monkeypatch):
 
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
     monkeypatch.setattr(arm, "WAIT", 0.0)
-    port = SimpleNamespace(send=sent_ports.append)
-    arm.serve(SUBJECT.task.arguments(), 2.0, 0, 1.0, out, port, SILENCE)
-    assert (len(asked), len(sent_ports), json.loads(out.read_text())) == (1, 1, [])
+    arm.serve(SUBJECT.task.arguments(), 2.0, 0, 1.0, out, SimpleNamespace(send=ports.append), SILENCE)
+    assert (len(asked), len(ports), json.loads(out.read_text())) == (1, 1, [])
 
 
 @pytest.fixture(scope="module")
@@ -180,8 +174,8 @@ def probe(tmp_path_factory):
     return Program(folder / "loop.c")
 
 
-def steps(probe, readings, **how):
-    """Let loop.c read (approach, ms, alarm) or packets, one in each period; return `run`'s results, and its commands."""
+def steps(probe, readings):
+    """Let loop.c read (approach, ms, alarm) or a packet in each period; return `run`'s results, and its commands."""
     waiting = iter([*enumerate(readings, 1), (len(readings) + 1, (-1, 0, 0))])
 
     def wake(until):
@@ -191,7 +185,7 @@ def steps(probe, readings, **how):
             reading = PROBED.pack(MAGIC, number, 50.0 + number, approach, 2.0 + approach, 1e-3 * time, alarm)
         probe.inbox.append(reading)
 
-    return probe.run(wake, **how), [COMMAND.unpack(packet) for packet in probe.sent]
+    return probe.run(wake), [COMMAND.unpack(packet) for packet in probe.sent]
 
 
 def test_controller_is_called_each_16_ms_and_at_each_alarm(probe):

@@ -225,7 +225,7 @@ def test_odd_request_has_a_proper_answer_or_none(server, line, status):
         assert odd.recv(12) == (f"HTTP/1.1 {status}".encode() if status else b"")
 
 
-def test_server_listens_on_this_machine_alone_and_to_short_messages(server):
+def test_server_listens_here_alone_and_to_short_messages(server):
     with pytest.raises(ConnectionRefusedError):  # a socket that listens at all addresses would listen there, too
         socket.create_connection(("127.0.0.2", server.origin.rpartition(":")[2]))
     with pytest.raises(InvalidStatus) as refusal, server.connect(origin="http://evil.example"):

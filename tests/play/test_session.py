@@ -56,7 +56,8 @@ LATER = {at: 0.6 if 1.0 < at < 1.9 else 0.0 for at in BEATS}  # the same, a seco
 
 @pytest.mark.parametrize(("naps", "pushes", "counts"), [
     ({0.1 * k: 0.015 for k in range(1, 20)}, AT_ONCE, True), ({0.3: 1.0}, AT_ONCE, False),
-    ({0.5: 0.05}, AT_ONCE, False), ({0.2: 0.01605}, LATER, True), ({0.2: 0.2}, LATER, False), ({1.2: 0.03}, LATER, False),
+    ({0.5: 0.05}, AT_ONCE, False), ({0.2: 0.01605}, LATER, True), ({0.2: 0.2}, LATER, False),
+    ({1.2: 0.03}, LATER, False),
 ])  # fmt: skip
 def test_try_counts_where_exact_times_change_1_percent_at_most(world, naps, pushes, counts):
     """The truth is the same hand at a computer that is never late."""

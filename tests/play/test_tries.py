@@ -1,4 +1,4 @@
-"""Tries are files that the environment and `simulate` play again; variants of tries; the clock, with simulated time."""
+"""Tries are files that the environment and `simulate` play again; variants of tries."""
 
 import json
 import math
@@ -73,7 +73,7 @@ def let_go(setup=SETUP, delay=0.2, **asked):
 
 
 @pytest.mark.parametrize("setup", ["teleop-rigid", SETUP])
-def test_same_hand_without_delay_with_the_brake_or_another_coupling_does_what_it_would_have_done(setup):
+def test_same_hand_in_each_variant_does_what_it_would_have_done(setup):
     this = let_go(setup)
     again = contest.again(this)
     slides = contest.film(again)["slides"]
