@@ -64,7 +64,7 @@ def compiled(subject: Subject, name: str, out: Path) -> Path:
 def start(subject: Subject, weight: float, seconds: float, out: Path) -> tuple[Any, int]:
     """Start `serve` in another process; return the process and the UDP port of the arm."""
     ours, theirs = multiprocessing.Pipe(duplex=False)
-    arguments = subject.task.arguments(), weight, SEED, seconds, out, theirs
+    arguments = subject.task.arguments(), weight, SEED, seconds, out, theirs, SILENCE
     out.unlink(missing_ok=True)
     arm = multiprocessing.get_context("spawn").Process(target=serve, args=arguments)
     arm.start()

@@ -1,12 +1,14 @@
 """The clock: a process that plays tries in real time or slower, and saves them even if the server is killed."""
 
+import math
+import multiprocessing
 import os
 import queue
 import random
 import signal
 import threading
 import time
-from collections import deque
+from bisect import bisect_right
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -18,7 +20,7 @@ import numpy as np
 
 from experiments.play import try_files
 from experiments.play.assistance import PERIOD
-from experiments.play.tries import Live, Try
+from experiments.play.tries import BUSY, Live, Try, timed_right
 from impact_gym.render.chain import object_radius
 from impact_gym.teleop.channels import CUT
 
@@ -29,30 +31,29 @@ HOLD = 1e-5  # m/s, sent instead of 0 until the player has seen the touch, becau
 
 @dataclass
 class Stick:
-    """Velocities that the player sends, with their times of arrival."""
+    """All that the player does in a try, with its times: `at` returns the command at any moment up to now."""
 
-    inputs: deque[tuple[float, float]] = field(default_factory=lambda: deque([(-1e9, 0.0)], 256))
-    touched: bool = False  # whether the player has seen the touch
-    let_go: bool = False  # whether the command is 0 for the rest of the try
+    inputs: list[tuple[float, float]] = field(default_factory=lambda: [(-math.inf, 0.0)])  # arrival (s), velocity (m/s)
+    touched_at: float = math.inf  # s, from this moment on the player has seen the touch
+    stopped_at: float = math.inf  # s, from this moment on the command is 0
     marks: list[str] = field(default_factory=list)  # reasons for which the try was interrupted
 
     def put(self, velocity: float, came: float) -> None:
         """Add a velocity (m/s) with its time of arrival (s)."""
         self.inputs.append((came, velocity))
 
-    def stop(self, why: str = "") -> None:
-        """Set the command to 0 for the rest of the try. Only the first call records `why` the try was interrupted."""
-        if why and not self.let_go:
+    def stop(self, moment: float, why: str = "") -> None:
+        """Set the command to 0 from `moment` (s) on. Only the first call records `why` the try was interrupted."""
+        if why and self.stopped_at == math.inf:
             self.marks.append(f"interrupted: {why}")
-        self.let_go = True
+        self.stopped_at = min(self.stopped_at, moment)
 
     def at(self, moment: float) -> float:
         """Return the command (m/s) at `moment` (s): the last input or HOLD; 0 after `stop` or a silence (SILENT)."""
-        inputs = tuple(self.inputs)
-        came, velocity = next((each for each in reversed(inputs) if each[0] <= moment), inputs[0])
-        if self.let_go or moment - came > SILENT:
+        came, velocity = self.inputs[bisect_right(self.inputs, (moment, math.inf)) - 1]
+        if moment >= self.stopped_at or moment - came > SILENT:
             return 0.0
-        return HOLD if velocity == 0.0 and not self.touched else velocity
+        return HOLD if velocity == 0.0 and moment < self.touched_at else velocity
 
 
 @dataclass
@@ -71,19 +72,22 @@ class Clock:
         """Handle messages of the server until the server ends."""
         with suppress(EOFError, OSError):
             while True:
-                word, value = self.server.recv()
-                if word == "v":
-                    self.stick.put(value, self.now())
-                elif word == "stop":
-                    self.stick.stop(value)
-                elif word == "touched":
-                    self.stick.touched = True
-                else:
-                    self.stick = Stick()
-                    self.wanted.put(value)
-        self.stick.stop(STOPPED)
+                self.hear(*self.server.recv())
+        self.stick.stop(self.now(), STOPPED)
         self.gone = True
         self.wanted.put(None)
+
+    def hear(self, word: str, value: Any) -> None:
+        """Handle a message of the server."""
+        if word == "v":
+            self.stick.put(value, self.now())
+        elif word == "stop":
+            self.stick.stop(self.now(), value)
+        elif word == "touched":
+            self.stick.touched_at = min(self.stick.touched_at, self.now())
+        else:
+            self.stick = Stick()
+            self.wanted.put(value)
 
     def send(self, **message: Any) -> None:
         """Send a message, unless the server has ended."""
@@ -95,9 +99,12 @@ class Clock:
         try:
             live = Live(wanted)
             self.send(kind="began", setup=wanted.setup, radius=object_radius(live.kept.record["object_mass"]))
-            self._run(live, seen)
-            live.kept.marks.extend(self.stick.marks)
-            self.unsaved.append((path, live.finished()))
+            stick, slow, begun = self.stick, live.kept.slow, self.now()
+            self._run(live, seen, begun)
+            live.kept.marks.extend(stick.marks)
+            if not timed_right(live.finished(), lambda tick: stick.at(begun + slow * tick)):
+                live.kept.marks.append(BUSY)
+            self.unsaved.append((path, live.kept))
             while self.unsaved:
                 try_files.write(*self.unsaved[0])
                 self.unsaved.pop(0)
@@ -105,17 +112,16 @@ class Clock:
         except (OSError, RuntimeError, ValueError) as problem:
             self.send(kind="failed", text=str(problem))
 
-    def _run(self, live: Live, seen: bool) -> None:
-        slow, start, behind, rng = live.kept.slow, self.now(), 0.0, random.Random(live.kept.seed)
+    def _run(self, live: Live, seen: bool, start: float) -> None:
+        slow, behind, rng = live.kept.slow, 0.0, random.Random(live.kept.seed)
         self._send_frame(live, seen, rng)
         while not (live.ended or self.gone):
             due = start + slow * (live.time + PERIOD)
             while (left := due - self.now()) > 0.0:
                 self.sleep(left)
-            now = self.now()
-            velocity = self.stick.at(now - slow * (live.time + PERIOD - live.next_tick))
-            live.step(velocity, now - due - behind)
-            behind = now - due
+            late = self.now() - due
+            live.step(self.stick.at(start + slow * live.next_tick), late - behind)
+            behind = late
             if behind > slow * PERIOD:  # more than a step late: delay the schedule
                 start, behind = start + behind, 0.0
             self._send_frame(live, seen, rng)
@@ -139,6 +145,15 @@ def entry_of(name: str, this: Try) -> dict[str, Any]:
     """Return the data of a try for the page's chart and table."""
     return {"name": name, "setup": this.setup, "assist": this.assist, "delay": 2.0 * this.record["uplink.delay"],
             "marks": this.marks, **this.result}  # fmt: skip
+
+
+def start() -> tuple[Connection, Callable[[float], None]]:
+    """Start a clock in another process; return the server's end of the connection, and a function that joins it."""
+    ours, theirs = multiprocessing.Pipe()
+    process = multiprocessing.get_context("fork").Process(target=run, args=(theirs, ours), daemon=True)
+    process.start()
+    theirs.close()
+    return ours, process.join
 
 
 def run(server: Connection, theirs: Connection) -> None:

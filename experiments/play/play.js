@@ -186,7 +186,7 @@ function result(entry) {
   else score.push(entry.slide < GENTLE ? "Gentle!" : "Under 1 cm is gentle.");
   if (Number.isFinite(best)) score.push(`Best so far: ${centimetres(best)}.`);
   html("p", {}, box, score.join(" "));
-  for (const mark of entry.marks) html("p", {class: "bad"}, box, `Does not count, ${mark}.`);
+  for (const mark of entry.marks) html("p", {class: "bad"}, box, `Does not count. ${mark[0].toUpperCase()}${mark.slice(1)}.`);
   html("p", {class: "again soft"}, box, entry.missed ? "" : "Your own hand is played again\u2026");
   say(`${headline} ${score.join(" ")} Press Enter for the next try, B to try again with other help.`);
 }

@@ -41,9 +41,9 @@ RESTART = 1012  # code with which the server closes a connection when the server
 class Client:
     """A connected page, with a queue of messages to the page and a limit on the rate of messages from the page."""
 
-    def __init__(self, socket: server.ServerConnection) -> None:
+    def __init__(self, socket: server.ServerConnection, now: Callable[[], float]) -> None:
         self.socket, self._queue, self._has_messages = socket, list[dict[str, Any]](), asyncio.Event()
-        self._allowance, self._last_message = RATE, time.monotonic()
+        self._now, self._allowance, self._last_message = now, RATE, now()
 
     def enqueue(self, message: dict[str, Any]) -> None:
         """Queue a message. A frame replaces the last message in the queue if that message is a frame, too."""
@@ -66,7 +66,7 @@ class Client:
             message = json.loads(await self.socket.recv())
         except (ValueError, RecursionError):
             raise ValueError("a message must be JSON") from None
-        before, self._last_message = self._last_message, time.monotonic()
+        before, self._last_message = self._last_message, self._now()
         self._allowance = min(self._allowance + RATE * (self._last_message - before), RATE) - 1.0
         if self._allowance < 0.0:
             raise ValueError(f"more than {RATE:g} messages a second")
@@ -95,8 +95,8 @@ def reply(status: int, text: str, kind: str = "text/plain") -> Response:
 class Site:
     """Content at addresses that begin with /token/: page, style sheet, script, films, messages."""
 
-    def __init__(self, session: Session, token: str, port: int) -> None:
-        self.session, self.token, self.port = session, token, port
+    def __init__(self, session: Session, token: str, port: int, now: Callable[[], float] = time.monotonic) -> None:
+        self.session, self.token, self.port, self.now = session, token, port, now
         styles = [(LAB / "page.css").read_text(), player.style(), (HERE / "play.css").read_text()]
         self.files = {
             "": ((HERE / "page.html.jinja").read_text(), "text/html"),
@@ -127,7 +127,7 @@ class Site:
 
     async def serve_page(self, page: server.ServerConnection) -> None:
         """Exchange messages with a page until it disconnects, does not read, or sends an invalid message."""
-        session, client, why = self.session, Client(page), "the page was closed"
+        session, client, why = self.session, Client(page, self.now), "the page was closed"
         session.join(client)
         sender = asyncio.create_task(client.send())
         try:

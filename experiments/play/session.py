@@ -1,9 +1,9 @@
 """The session checks messages of pages, and forwards messages of the clock (the process that runs tries) to pages."""
 
 import asyncio
-import multiprocessing
 import secrets
 from collections import deque
+from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from datetime import datetime
 from pathlib import Path
@@ -22,8 +22,8 @@ MAX_ON_CHART = 200  # largest number of tries on the chart
 class Session:
     """All pages (one page steers the tool) and the try in progress, if there is one."""
 
-    def __init__(self, setup: Setup, assist: str, folder: Path) -> None:
-        """Read the tries in `folder`, start the clock; ValueError: no such assistance, or the folder is in use."""
+    def __init__(self, setup: Setup, assist: str, folder: Path, start: Callable[[], Any] = clock.start) -> None:
+        """Read the tries in `folder`, `start` the clock; ValueError: no such assistance, or the folder is in use."""
         assistance(assist, setup)
         self._lock = ExitStack()  # the clock's process inherits the lock
         self._lock.enter_context(locked(folder / ".lock", wait=False))
@@ -40,11 +40,7 @@ class Session:
                 self.history.append(clock.entry_of(name, try_files.read(path)))
             except ValueError as problem:
                 self.left_out.append(str(problem))
-        self.pipe, theirs = multiprocessing.Pipe()
-        fork = multiprocessing.get_context("fork")
-        self._clock = fork.Process(target=clock.run, args=(theirs, self.pipe), daemon=True)
-        self._clock.start()
-        theirs.close()
+        self.pipe, self._join_clock = start()
 
     def handle(self, client: Any, message: Any) -> None:
         """Handle a message of a page; ValueError: the message is invalid."""
@@ -61,7 +57,8 @@ class Session:
             return  # only the first page steers
         elif word == "v":
             share = number("v", value, "(of full speed)", at_least=-1.0, at_most=1.0)
-            self._send("v", abs(share) * self._speeds[share >= 0.0])
+            if self.busy:  # the clock keeps all inputs of a try
+                self._send("v", abs(share) * self._speeds[share >= 0.0])
         elif word == "done":
             self._send("stop", "")
         elif not self.busy:
@@ -110,20 +107,23 @@ class Session:
             self.pipe.send((word, value))
 
     def listen(self) -> None:
-        """Forward each frame of the clock after the frame's delay, and the result of a try after the last frame."""
+        """Handle the messages of the clock that have arrived."""
         loop = asyncio.get_running_loop()
         try:
             while self.pipe.poll():
-                message = self.pipe.recv()
-                at = loop.time() + message.pop("wait", 0.0)
-                if message["kind"] == "frame":
-                    self._seen_at = max(self._seen_at, at)
-                elif message["kind"] in ("ended", "failed"):
-                    at = max(at, self._seen_at + 1e-6)  # two calls at the same time may run in any order
-                loop.call_at(at, self._forward, message)
+                self.schedule(self.pipe.recv(), loop)
         except (EOFError, OSError):
             loop.remove_reader(self.pipe.fileno())
             self._forward({"kind": "failed", "text": "the clock has stopped: start impact-gym play again"})
+
+    def schedule(self, message: dict[str, Any], loop: Any) -> None:
+        """Let `loop` forward a frame of the clock after the frame's delay, and a try's result after the last frame."""
+        at = loop.time() + message.pop("wait", 0.0)
+        if message["kind"] == "frame":
+            self._seen_at = max(self._seen_at, at)
+        elif message["kind"] in ("ended", "failed"):
+            at = max(at, self._seen_at + 1e-6)  # two calls at the same time may run in any order
+        loop.call_at(at, self._forward, message)
 
     def _forward(self, message: dict[str, Any]) -> None:
         """Send a message to all pages, except a frame that is not newer than the last one."""
@@ -143,5 +143,5 @@ class Session:
     def close(self) -> None:
         """Stop the clock, which saves the try in progress, and release the folder."""
         self.pipe.close()
-        self._clock.join(20.0)
+        self._join_clock(20.0)
         self._lock.close()

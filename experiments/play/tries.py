@@ -1,7 +1,9 @@
 """Functions that play, replay and evaluate tries: episodes that a person or a model of an operator steers."""
 
 import math
-from dataclasses import dataclass, field
+import operator
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any
 
@@ -18,7 +20,8 @@ from impact_gym.sources import compiled_from
 from impact_gym.task import Task
 from impact_gym.task.episodes import EpisodeState
 
-LATE, MOST_LATE = 4e-3, 0.02  # s, limit of |`Try.late`|; share of steps that may exceed this limit in a valid try
+AGREES = 0.01  # largest relative difference that late steps may make in a try that counts, see `timed_right`
+BUSY = "this computer was too busy; the try was not timed right: close other programs"  # mark of the other tries
 TRACE_POINTS = 1 << 18
 BEND = 1e-13  # m/s; the velocity error of `corners` is at most twice this
 ROUNDING = 1e-6  # allowed rounding error of times, as a fraction of a control period
@@ -37,7 +40,7 @@ class Try:
     environment: dict[str, Any] = field(default_factory=dict)  # arguments of the environment, without the operator
     actions: list[list[float]] = field(default_factory=list)  # actions of the assistance, one for each step
     late: list[float] = field(default_factory=list)  # s, lateness of each step minus the lateness of the step before
-    marks: list[str] = field(default_factory=list)  # reasons for which the try is interrupted or invalid
+    marks: list[str] = field(default_factory=list)  # reasons for which the try does not count
     motion: dict[str, list[float]] = field(default_factory=dict)  # commanded motion: fields of `ig.Motion`
     result: dict[str, float] = field(default_factory=dict)  # results of `simulate` with `motion`, and of the episode
     made: dict[str, Any] = field(default_factory=dict)  # commit and versions
@@ -171,7 +174,25 @@ class Live:
             object_velocity=outcome.peak_object_velocity, slide=outcome.slide or 0.0, peak_force=outcome.peak_force,
             **{name: float(info[name]) for name in ("touch_time", "done_time", "taken", "missed")},
         )  # fmt: skip
-        if len(done.late) and np.mean(np.abs(done.late) > LATE) > MOST_LATE:
-            done.marks.append("invalid: too many late steps")
         done.made.update(_made())
         return done
+
+
+def timed_right(this: Try, exact: Callable[[float], float]) -> bool:
+    """Return whether late steps have left the result of a person's try as it is with exact times.
+
+    With exact times, no step waits for the computer: simulated time t (s) is `slow` * t after the begin of the try,
+    and the command at each control tick is what the person commanded at that moment, `exact(t)` (m/s); the
+    moments of all inputs are those of the try. A step that is late by less than a period does not change a command.
+    A longer delay interrupts the arm, but not the person. Then the try is played again with the exact commands. It
+    counts if it touches or misses as before, and if slide and duration change by at most AGREES.
+    """
+    given = this.operator
+    if this.marks or all(map(operator.eq, map(exact, given["time"][1:]), given["velocity"][1:])):
+        return True
+    live = Live(replace(this, operator=PERSON.copy()))
+    while not live.ended:
+        live.step(exact(live.next_tick))
+    info = live.batch.info(0)
+    near = (math.isclose(info[name], this.result[name], rel_tol=AGREES) for name in ("slide", "done_time"))
+    return info["missed"] == this.result["missed"] and all(near)

@@ -1,7 +1,7 @@
 """The batch that every environment class uses: arrays with a row for each environment. Compiled code steps the rows."""
 
 from collections.abc import Mapping, Sequence
-from functools import partial
+from functools import cache, partial
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -35,6 +35,10 @@ _STATE = (
 TRACE_INTERVAL = 1e-3  # s, largest time between two points of a trace while tool and object do not touch
 INTERVENTION = 1e-3  # m/s; `is_intervention` is true if commanded and executed velocity differ by more than this
 _SPARE = 4  # additional places for readings, because a step stores new readings before it delivers older ones
+
+
+_dtype_text = cache(str)
+"""Text of a dtype. Without the cache, most of the time of `get_state` and `set_state` would be spent on these texts."""
 
 
 class Bodies(NamedTuple):
@@ -205,7 +209,7 @@ class Batch:
         """
         for name in _STATE:
             own = getattr(self, name)
-            array(f"{name} of a state", state.get(name), own.shape, own.dtype.kind, f"{own.dtype}")
+            array(f"{name} of a state", state.get(name), own.shape, own.dtype.kind, _dtype_text(own.dtype))
         if state.get("sha256") != self._digest(state):
             about = "must match its arrays, generators and tasks: the state was altered, or belongs to another batch"
             raise ValueError(f"sha256 of a state {about}")
@@ -216,7 +220,7 @@ class Batch:
         rest = {name: value for name, value in state.items() if name not in (*_STATE, "sha256")}
         total = sha256(repr(rest).encode())
         for values in (self._tasks, self._tables, *(np.asarray(state[name]) for name in _STATE)):
-            total.update(str(values.dtype).encode() + values.tobytes())
+            total.update(_dtype_text(values.dtype).encode() + values.tobytes())
         return total.hexdigest()
 
     def info(self, rows: int | NDArray[np.int64] | None = None) -> dict[str, Any]:

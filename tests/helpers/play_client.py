@@ -1,7 +1,6 @@
-"""Players of the page, with and without a browser, and its server in a separate process."""
+"""Pages and their server: in this process on simulated time, and as a process of its own."""
 
 import json
-import math
 import os
 import re
 import signal
@@ -9,16 +8,20 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import tomli_w
+from simulated_time import World
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from agents.setups import load_setup
 from experiments.play import try_files
 from experiments.play.assistance import record_of, usual
+from experiments.play.clock import Clock
+from experiments.play.session import Session
 from experiments.play.tries import Live, Try
 from impact_gym.files import write_file
 
@@ -42,8 +45,72 @@ def pushed(velocity, after=4, **asked):
 
 def near_setup(folder):
     """Write a set-up with near objects, so that a try takes little time; return its file."""
-    environment = load_setup(SETUP).environment | {"scenario": {"distance": [0.1, 0.2]}}
+    environment = load_setup(SETUP).environment | {"scenario": {"distance": [0.1, 0.2]}, "horizon": 4.0}
     return write_file(folder / "near.toml", tomli_w.dumps({"environment": environment}))
+
+
+def choices(setup, **chosen):
+    """The settings of the page, as its controls send them."""
+    usually = usual(load_setup(setup))
+    return {"setup": str(setup), "assist": "none", "slow": 1.0, "seen": False, **usually, **chosen}
+
+
+class Simulated(World):
+    """A session and its clock in this process, on simulated time.
+
+    `sent` has the clock's messages and when it sent them. A try is steered by `steer(frame)`, called with each frame
+    as its page gets it.
+    """
+
+    def __init__(self, folder, setup=None):
+        super().__init__()
+        self.setup, self.folder, self.sent = setup or near_setup(folder), folder / "tries", []
+        self.clock = Clock(self, self.time, self.sleep)
+        self.session = Session(load_setup(self.setup), "none", self.folder, lambda: (self, lambda seconds: None))
+
+    def send(self, message):
+        """Send a message over the connection of session and clock, of which this object is both ends."""
+        if isinstance(message, tuple):
+            self.clock.hear(*message)
+        else:
+            self.sent.append(message | {"at": self.now})
+            self.session.schedule(message, self)
+
+    def close(self):
+        """Nothing is to be closed."""
+
+    def play(self, page, steer=lambda frame: None, seed=1, **chosen):
+        """Let a page begin a try and steer it; return the try, or what is said instead."""
+        page.steer = steer
+        self.sent.clear()
+        page.say(begin=choices(self.setup, **chosen))
+        wanted, path, seen = self.clock.wanted.get_nowait()
+        self.clock.play(replace(wanted, seed=seed), path, seen)
+        self.sleep(2.0)  # until the last message has arrived
+        return try_files.read(path) if self.sent[-1]["kind"] == "ended" else self.sent[-1]
+
+
+class Page:
+    """A page of a simulated session, without a browser; it keeps what it gets and when."""
+
+    def __init__(self, world):
+        self.world, self.messages, self.steer = world, [], lambda frame: None
+        world.session.join(self)
+
+    def enqueue(self, message):
+        self.messages.append(message | {"at": self.world.now})
+        if message["kind"] == "frame":
+            self.steer(message)
+
+    def say(self, **message):
+        self.world.session.handle(self, message)
+
+    def got(self, kind):
+        return [message for message in self.messages if message["kind"] == kind]
+
+    def push(self, frame, velocity=0.6):
+        """Push until the touch is seen."""
+        self.say(v=0.0 if frame["touched"] else velocity)
 
 
 class Served:
@@ -71,23 +138,12 @@ class Served:
         out, _ = self.process.communicate(timeout=30)
         return self.process.returncode, out
 
-    def choices(self, **chosen):
-        """The settings of the page, as its controls send them."""
-        usually = usual(load_setup(self.setup))
-        return {"setup": str(self.setup), "assist": "none", "slow": 1.0, "seen": False, **usually, **chosen}
-
-    def push(self, page, frames=math.inf):
-        """Play a try: push until the touch is displayed, or for some frames; return the last message."""
-        say(page, begin=self.choices())
-        count, touched, message = 0, False, heard(page, "began")
-        while count < frames and message["kind"] not in ("ended", "failed"):
-            message = json.loads(page.recv(timeout=20.0))
-            if message["kind"] == "frame":
-                touched |= message["touched"]
-                if count % 4 == 0:
-                    say(page, v=0.0 if touched else 0.6)
-                count += 1
-        return message
+    def push(self, page, frames):
+        """Begin a try, and push for some frames."""
+        say(page, begin=choices(self.setup))
+        for _ in range(frames):
+            heard(page, "frame")
+            say(page, v=0.6)
 
 
 @contextmanager
@@ -123,15 +179,3 @@ def closed(page):
     with pytest.raises(ConnectionClosed) as gone:
         list(iter(lambda: page.recv(timeout=10.0), None))
     return gone.value.rcvd.code, gone.value.rcvd.reason
-
-
-READY = "#go:not([disabled])"
-
-
-def begin(page, key="Enter"):
-    page.keyboard.press(key)
-    page.wait_for_selector("body.playing")
-
-
-def until_over(page):
-    page.wait_for_selector("body:not(.playing) #answer:not([hidden])", timeout=20000)
