@@ -34,31 +34,29 @@ def model_of(run):
 
 
 @pytest.mark.parametrize("name", shipped())
-def test_read_options_takes_settings_from_the_set_up_and_reads_the_command_of_a_run(name):
+def test_options_come_from_the_set_up_and_a_runs_command(name):
     setup = load_setup(name)
     assert read_options([name]) == TrainOptions(name, setup.training)
-    assert read_options([name, "--clip", "0.1"]).training == replace(setup.training, clip=0.1)
     run = Run(setup, replace(tiny().training, time_weight=(1.0, 2.0), informed_critic=False), seed=7)
     options = read_options(shlex.split(run.command)[2:])
     assert Run(load_setup(options.setup), options.training, options.seed) == run
     assert Run(setup, setup.training).command == f"impact-gym train {name}"
 
 
-@pytest.mark.parametrize("power", [0.0, 0.5])
-def test_scaled_rewards_divides_by_a_power_of_one_plus_the_weight_of_the_episode(power):
-    plain = ImpactVecEnv(16, time_weight=(0.5, 8.0))
-    scaled = ScaledRewards(ImpactVecEnv(16, time_weight=(0.5, 8.0)), power)
+def test_rewards_are_scaled_by_the_weight_of_the_episode():
+    plain, inner = (ImpactVecEnv(16, time_weight=(0.5, 8.0)) for _ in range(2))
+    scaled, power, episodes = ScaledRewards(inner, 0.7), 0.7, 0
     plain.seed(5)
     scaled.seed(5)
-    seen, episodes = plain.reset(), 0
+    seen = plain.reset()
     scaled.reset()
-    for _ in range(120):
+    for _ in range(60):
         weights = plain.observation_spec.decode(seen, "time_weight")
         actions = np.full((16, 2), 0.4, np.float32)
         seen, rewards, ended, _ = plain.step(actions)
         assert scaled.step(actions)[1] == pytest.approx(rewards / (1.0 + weights) ** power, rel=1e-5)
         episodes += ended.sum()
-    assert episodes > 30
+    assert episodes > 16
 
 
 def test_share_of_the_environments_is_nominal():
@@ -93,11 +91,11 @@ mixed = [
 """
 
 
-def test_make_environments_mixes_operators_and_the_critic_sees_their_drawn_numbers(tmp_path):
+def test_environments_mix_operators_whose_numbers_the_critic_sees(tmp_path):
     """A file of delays lies beside the set-up's file, and the policy keeps the delays."""
     (tmp_path / "mixed.toml").write_text(RECORDED)
     (tmp_path / "delays.csv").write_text("time,delay\n0,0.05\n1,0.15\n")
-    run = tiny(tmp_path / "mixed.toml")
+    run = tiny(tmp_path / "mixed.toml", rollout=8)
     assert run.task.arguments()["uplink"] == {"trace": [[0.0, 0.05], [1.0, 0.15]]}
     share, other = run.made_for()["mixed"][0]
     assert (share, other["operator"]["speed"]) == (0.25, [0.1, 0.4])
@@ -120,7 +118,7 @@ def test_fast_tanh_equals_torchs_and_has_its_gradient():
 
 
 def test_standardised_drawn_numbers_have_mean_0_and_deviation_1():
-    count, task = 4000, tiny("ranged-robust").task.changed({"privileged": True})
+    count, task = 1500, tiny("ranged-robust").task.changed({"privileged": True})
     envs = ImpactVecEnv(count, **task.arguments())
     envs.seed(1)
     centre, spread = standardisation([task])
@@ -140,7 +138,7 @@ def learned():
     return run, model
 
 
-def test_actor_uses_the_controllers_observation_and_the_critic_uses_all(learned):
+def test_critic_uses_more_than_the_actor_and_the_controller(learned):
     _, model = learned
     spec = model.env.venv.observation_spec
     seen = torch.as_tensor(model.env.reset())
@@ -191,7 +189,7 @@ def privileged_observations(weights, steps, **options):
     return np.array(seen), np.array(starts), envs.unwrapped.observation_spec
 
 
-def test_teacher_uses_the_best_parameters_at_the_weight_of_each_episode():
+def test_teacher_uses_the_best_parameters_at_each_weight():
     weights = [0.3, 0.7, 1.0, 2.0, 4.0, 8.0]  # the teacher is tuned for all but the first and the last
     seen, starts, spec = privileged_observations(weights, 15, time_weight=(0.3, 8.0))
     assert starts[1:].sum() == 0
@@ -208,22 +206,20 @@ def test_teacher_uses_the_best_parameters_at_the_weight_of_each_episode():
 
 def test_teacher_reacts_to_a_touch_and_to_no_false_alarm():
     setup = load_setup("linear-robust")
-    seen, starts, spec = privileged_observations([2.0] * 50, 70, time_weight=(0.3, 8.0), **setup.environment)
+    seen, starts, spec = privileged_observations([2.0] * 24, 60, time_weight=(0.3, 8.0), **setup.environment)
     teacher, place = Teacher(setup, "blind-profile"), spec.index("time_since_touch")
-    touched = seen[..., place].copy()
+    touched = seen[..., place] > 0.0
     alarm, since = spec.index("alarm"), spec.index("time_since_alarm")
-    assert (seen[..., alarm][touched == 0.0] > 0.5).mean() > 0.3  # false alarms
-    actions = teacher.actions(seen, starts)
-    for ringing in (0.0, 1.0):  # the alarm that the policy observes makes no difference
-        other = seen.copy()
-        other[..., alarm], other[..., since] = ringing, 0.3 * ringing
-        assert np.array_equal(teacher.actions(other, starts), actions)
-    assert (touched > 0.0).any()
+    assert (seen[..., alarm][~touched] > 0.5).mean() > 0.3  # false alarms
+    actions, other, blind = teacher.actions(seen, starts), seen.copy(), seen.copy()
+    other[..., alarm], other[..., since] = 1.0 - other[..., alarm], 0.3  # the alarm that the policy observes
+    assert np.array_equal(teacher.actions(other, starts), actions)
+    blind[..., place] = 0.0
+    differs = (teacher.actions(blind, starts) != actions).any(axis=-1)
+    assert differs[touched].any()
+    assert not differs[~touched].any()
     unprivileged = Teacher(setup, "blind-profile", privileged=False).actions(seen[..., spec.actor], starts)
     assert not np.array_equal(unprivileged, actions)  # without privileged observations, it reacts to false alarms
-    seen[..., place] = 0.0
-    assert not np.array_equal(teacher.actions(seen, starts)[touched > 0.0], actions[touched > 0.0])
-    assert np.array_equal(teacher.actions(seen, starts)[touched == 0.0], actions[touched == 0.0])
 
 
 def test_every_setting_of_the_updates_reaches_the_model():
@@ -237,8 +233,8 @@ def test_every_setting_of_the_updates_reaches_the_model():
 
 
 def test_imitation_nearly_reaches_its_teacher():
-    run = tiny(teacher="blind-profile", envs=128, rollout=32, batch=512, learning_rate=3e-3, width=32)
-    run = replace(run, training=replace(run.training, steps=80_000, imitation_steps=80_000))
+    run = tiny(teacher="blind-profile", envs=128, rollout=32, batch=512, learning_rate=5e-3, width=32,
+               steps=50_000, imitation_steps=50_000)  # fmt: skip
     model, _ = model_of(run)
     before = policy_from(model, run, {})
     model.learn(run.training.steps, log_interval=None)
