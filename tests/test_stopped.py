@@ -1,5 +1,9 @@
-"""Commands that find the disk full, and then are killed: nothing is lost or repeated, and the bits are the same."""
+"""Commands that find the disk full, and then are killed: nothing is lost or repeated, and the bits are the same.
 
+Slow, because they are real processes. The quick tests are in agents/test_jobs.py, test_tune.py, test_training_resume.py.
+"""
+
+import errno
 import json
 import os
 import re
@@ -16,6 +20,8 @@ from episode_runs import assert_identical
 from tiny_training import left as left_by_training
 
 from agents import load_policy
+from agents.command_line import command_line
+from impact_gym.files import writing
 
 COMMANDS = {
     "tune": "tune ../mine.toml --weights 1 2 4 --scenarios 8 --budget 16 --population 8 --out out --jobs out/jobs",
@@ -57,8 +63,15 @@ def left(folder):
     return content
 
 
-@pytest.mark.parametrize("name", ["tune", *(pytest.param(k, marks=pytest.mark.slow) for k in ("train", "report"))])
-def test_command_continues_after_a_full_disk_and_a_kill_and_reaches_the_same_bits(name, mine, tmp_path):
+def test_full_disk_ends_a_command_with_a_line_that_says_what_to_do():
+    said = r"^impact-gym tune: no room to write it: .*; make room: the same command continues$"
+    with pytest.raises(SystemExit, match=said), command_line("tune"), writing("it"):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", COMMANDS)
+def test_stopped_command_continues_and_reaches_the_same_bits(name, mine, tmp_path):
     part, whole = tmp_path / "part", tmp_path / "whole"
     part.mkdir()
     whole.mkdir()
