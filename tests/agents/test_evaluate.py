@@ -39,7 +39,7 @@ def test_result_of_a_scenario_does_not_depend_on_the_others(make):
     assert few.loss(2.0)[0] == pytest.approx(-episode.rewards.sum(), rel=1e-12)
 
 
-def test_scenario_batch_reports_a_failed_scenario_or_counts_it_as_missed():
+def test_failed_scenario_is_reported_or_counted_as_missed():
     with pytest.raises(RuntimeError, match=f"scenario with seed {TEST_SEED}: .*more integration steps"):
         ScenarioBatch(TEST_SEED, 1, max_steps=10).play(PaperTrapezoid())
     validation = Validation(Task(), WEIGHTS, scenarios=5, max_steps=10)
@@ -144,11 +144,15 @@ def test_digest_changes_with_any_source_of_the_module(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     inner = tmp_path / "package_of_jobs" / "inner"
     inner.mkdir(parents=True)
-    for file, text in ((inner.parent / "__init__.py", ""), (inner / "__init__.py", "ONE = 1\n")):
-        file.write_text(text)
+    (inner.parent / "__init__.py").touch()
     names, found = ("package_of_jobs", "package_of_jobs.inner"), []
-    for change in ("import this\n", "", "[]", "{}"):
-        (inner / ("data.json" if change else "__init__.py")).write_text(change)
+    for file, text in (
+        ("__init__.py", "ONE = 1"),
+        ("__init__.py", "ONE = 2"),
+        ("data.json", "[]"),
+        ("data.json", "{}"),
+    ):
+        (inner / file).write_text(text)
         found.append([digest_of(name) for name in names])
         assert found[-1] == [digest_of(name) for name in names]
     assert len({each[0] for each in found}) == len({each[1] for each in found}) == len(found)

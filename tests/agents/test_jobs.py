@@ -68,7 +68,9 @@ def test_failed_late_and_killed_calls_are_named_and_stored(log, tmp_path):
         return each["number"], reason
 
     for _ in range(2):  # the second time no call starts
-        first, failed, killed, late, last = cached(ends_badly, given, tmp_path, processes=2, seconds=3.0, failed=instead)
+        first, failed, killed, late, last = cached(
+            ends_badly, given, tmp_path, processes=2, seconds=3.0, failed=instead
+        )
         assert (first["number"], last["number"]) == (0, 4)
         assert failed == (1, "ArithmeticError: no result for 1")
         assert killed == (2, "its process was lost, with exit code -9 (out of memory?)")

@@ -63,18 +63,16 @@ def test_share_of_the_environments_is_nominal():
     run = tiny("linear-robust", nominal=0.25)
     environments = make_environments(run)
     environments.seed(3)
-    spec, task = environments.venv.observation_spec, run.task
-    seen = environments.reset()
+    spec, seen = environments.venv.observation_spec, environments.reset()
     truths = {"tool_mass": 0.125, "coupling.stiffness": 50.0, "coupling.damping_ratio": 1.0, "reaction_delay": 0.016}
     truths |= {"alarm_threshold": 1.0, "force_noise": spec.scale("force_noise").low}  # 0 lies below its scale
-    rigid = ("robot.mass", "robot.stiffness", "robot.damping")
-    truths |= {name: spec.scale(name).high for name in rigid}
-    assert truths.keys() == {*task.drawn, "reaction_delay"}
-    shown = {name: spec.decode(seen, name) for name in truths}
+    truths |= {name: spec.scale(name).high for name in ("robot.mass", "robot.stiffness", "robot.damping")}  # rigid
+    assert truths.keys() == {*run.task.drawn, "reaction_delay"}
     for name, truth in truths.items():
-        assert shown[name][12:] == pytest.approx(truth, rel=1e-5)
-    assert len({*shown["tool_mass"][:12]}) == 12
-    assert {each.rtol for each in environments.get_attr("batch", [0])[0].tasks} == {run.training.rtol} != {task.rtol}
+        assert spec.decode(seen, name)[12:] == pytest.approx(truth, rel=1e-5)
+    assert len({*spec.decode(seen, "tool_mass")[:12]}) == 12
+    tasks = environments.get_attr("batch", [0])[0].tasks
+    assert {each.rtol for each in tasks} == {run.training.rtol} != {run.task.rtol}
 
 
 RECORDED = """[environment]
@@ -97,8 +95,7 @@ def test_environments_mix_operators_whose_numbers_the_critic_sees(tmp_path):
     (tmp_path / "delays.csv").write_text("time,delay\n0,0.05\n1,0.15\n")
     run = tiny(tmp_path / "mixed.toml", rollout=8)
     assert run.task.arguments()["uplink"] == {"trace": [[0.0, 0.05], [1.0, 0.15]]}
-    share, other = run.made_for()["mixed"][0]
-    assert (share, other["operator"]["speed"]) == (0.25, [0.1, 0.4])
+    assert run.made_for()["mixed"][0][1]["operator"]["speed"] == [0.1, 0.4]
     model, environments = model_of(run)
     tasks = environments.get_attr("batch", [0])[0].tasks
     kinds = [type(task.operator).__name__ for task in tasks]

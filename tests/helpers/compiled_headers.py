@@ -50,5 +50,3 @@ def commands_of(program, sensors, weights, late=None, steps=None):
     arrays = np.ascontiguousarray(sensors), np.asarray(steps, np.int32), np.asarray(weights, float), late, commands
     program.play(len(weights), *(array.ctypes for array in arrays))
     return commands
-
-
