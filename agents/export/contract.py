@@ -29,8 +29,9 @@ CALLS = (
     "next call"
 )
 RESETS = (
-    "call NAME_reset before each approach, with the time weight; the weight is clipped to the range of {}, and a missing "
-    "one (NaN or infinite) becomes the smallest; the call resets time, readings, alarm and memory, and commands no motion"
+    "call NAME_reset before each approach, with the time weight; the weight is clipped to the range of {}, and a "
+    "missing one (NaN or infinite) becomes the smallest; the call resets time, readings, alarm and memory, and "
+    "commands no motion"
 )
 MISSING = (
     "a call without time, or with a time that is not later than before, repeats the last command; a missing number "

@@ -1,6 +1,5 @@
 """Set-ups: shipped ones are complete, files are read as written, and `impact-gym check` prints true statements."""
 
-import math
 from dataclasses import replace
 from itertools import repeat
 from pathlib import Path
