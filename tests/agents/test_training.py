@@ -1,6 +1,7 @@
 """Parts of a training: options, environments, networks, and the imitation of a teacher."""
 
 import itertools
+import json
 import shlex
 from dataclasses import replace
 
@@ -10,7 +11,7 @@ import pytest
 import torch
 from made_up_policies import observations
 from stable_baselines3.common.logger import Logger
-from tiny_training import tiny
+from tiny_training import ALL_PARTS, tiny
 
 from agents import load_setup
 from agents.baselines import PaperTrapezoid
@@ -41,6 +42,22 @@ def test_options_come_from_the_set_up_and_a_runs_command(name):
     options = read_options(shlex.split(run.command)[2:])
     assert Run(load_setup(options.setup), options.training, options.seed) == run
     assert Run(setup, setup.training).command == f"impact-gym train {name}"
+
+
+def test_record_of_a_run_has_all_that_determines_its_result(tmp_path):
+    """Here what its other settings do not show: values in the set-up's file, and the content of the teacher's file."""
+    path, more = tmp_path / "parts.toml", "[training]\nmixed = [{ share = 0.25, force_noise = 1.0 }]\n"
+    texts = [ALL_PARTS, ALL_PARTS.replace("0.125", "0.13"), ALL_PARTS.replace("[0.1,", "[0.11,"), ALL_PARTS + more]
+    texts += [
+        texts[-1].replace("force_noise = 1.0", "force_noise = 2.0"),
+        ALL_PARTS + "[evaluation]\nweights = [2.0]\n",
+    ]
+    made = []
+    for text in texts:
+        path.write_text(text)
+        made.append(tiny(path, nominal=0.5, teacher="blind-profile").made_for())
+    assert len({json.dumps(each) for each in made}) == len(texts)
+    assert made[0]["teacher"] == read_tuned("blind-profile")["sha256"]
 
 
 def test_rewards_are_scaled_by_the_weight_of_the_episode():
