@@ -64,7 +64,7 @@ def left(folder):
     return content
 
 
-def test_full_disk_ends_a_command_with_a_line_that_says_what_to_do():
+def test_full_disk_ends_a_command_with_a_line_of_advice():
     said = r"^impact-gym tune: no room to write it: .*; make room: the same command continues$"
     with pytest.raises(SystemExit, match=said), command_line("tune"), writing("it"):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

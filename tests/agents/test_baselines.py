@@ -126,7 +126,7 @@ def parameters_of(rule, seed):
     return {"parameters": dict(zip(rule.names(), drawn(rule, 1, seed)[0].tolist(), strict=True))}
 
 
-def test_load_baseline_interpolates_over_the_logarithm_of_the_weight(tmp_path):
+def test_load_baseline_interpolates_over_the_logarithmic_weight(tmp_path):
     weights = {"4": parameters_of(BlindProfile, 4), "1": parameters_of(BlindProfile, 1)}
     weights["4"]["parameters"] = dict(reversed(weights["4"]["parameters"].items()))  # the order makes no difference
     write_tuned("blind-profile", weights, load_setup("linear-blind"), tmp_path)

@@ -79,7 +79,7 @@ def entries(text):
 
 @pytest.mark.parametrize("environment", [{"range_noise": 0.01, "past_readings": 2, "control_period": 0.008},
                                          IDS["ImpactTeleop-v0"]], ids=["ranged", "teleop"])  # fmt: skip
-def test_header_and_onnx_have_one_contract_that_describes_the_task(tmp_path, onnx, environment):
+def test_header_and_onnx_have_one_contract_of_the_task(tmp_path, onnx, environment):
     policy = made_up_policy(environment=environment | {"time_weight": [0.5, 6.0], "reaction_delay": [0.01, 0.02]})
     policy.provenance["command"] = "train */ /* ??/ evil"
     subject, task = Subject(policy), policy.task

@@ -256,7 +256,7 @@ def test_operators_controller_stops_and_withdraws_as_it_says(faulty, careless):
     assert commands[:, 0, 1] == pytest.approx(np.where(silent, most, 10.5), abs=1e-6)
 
 
-def test_policy_of_the_true_scenario_has_a_network_and_no_controller(tmp_path):
+def test_policy_of_the_true_scenario_has_no_controller_in_c(tmp_path):
     policy = made_up_policy(environment={"privileged": True})
     file = write_header(policy, tmp_path / "it.h")
     assert "_step" not in file.read_text().partition("*/")[2]

@@ -106,7 +106,7 @@ def test_lines_state_the_consequences(mine):
 
 
 @pytest.mark.parametrize(("acceleration", "speed"), [(20.0, 1.5), (2.0, 0.4), (1.5, 10.0)])
-def test_reach_is_the_farthest_distance_before_the_end_of_an_episode(acceleration, speed):
+def test_reach_is_the_farthest_distance_within_an_episode(acceleration, speed):
     """At full acceleration the flange touches an object 0.1 % nearer than that, and misses one 0.1 % farther."""
     arm = {"acceleration_range": (1.0, acceleration), "velocity_range": (-0.1, speed), "coupling": {"type": "Rigid"}}
     env, reach = gym.make("ImpactApproach-v0", scenario={"distance": 0.1}, **arm), Task(scenario="train", **arm).reach

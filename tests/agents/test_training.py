@@ -106,7 +106,7 @@ mixed = [
 """
 
 
-def test_environments_mix_operators_whose_numbers_the_critic_sees(tmp_path):
+def test_environments_mix_operators_that_the_critic_sees(tmp_path):
     """A file of delays lies beside the set-up's file, and the policy keeps the delays."""
     (tmp_path / "mixed.toml").write_text(RECORDED)
     (tmp_path / "delays.csv").write_text("time,delay\n0,0.05\n1,0.15\n")
