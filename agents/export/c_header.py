@@ -6,6 +6,7 @@ The header's templates are controller.h.jinja and rule.h.jinja.
 
 import re
 import textwrap
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -99,12 +100,17 @@ def _rule(subject: Subject, name: str) -> dict[str, Any]:
 
 def c_text(template: str, folder: Path = Path(__file__).parent, **content: Any) -> str:
     """Return C code from a template in a folder; default: the folder of this module."""
+    return _templates(folder).get_template(template).render(**content)
+
+
+@lru_cache(maxsize=4)  # an environment keeps its compiled templates
+def _templates(folder: Path) -> Environment:
     templates = Environment(
         loader=FileSystemLoader(folder), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
         keep_trailing_newline=True,
     )  # fmt: skip
     templates.filters["rows"] = _rows
-    return templates.get_template(template).render(**content)
+    return templates
 
 
 def has_controller(subject: Subject) -> bool:

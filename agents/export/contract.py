@@ -29,8 +29,9 @@ CALLS = (
     "next call"
 )
 RESETS = (
-    "call NAME_reset before each approach, with the time weight; the weight is clipped to the range, and a missing one "
-    "(NaN or infinite) becomes the smallest; the call resets time, readings, alarm and memory, and commands no motion"
+    "call NAME_reset before each approach, with the time weight; the weight is clipped to the range of {}, and a "
+    "missing one (NaN or infinite) becomes the smallest; the call resets time, readings, alarm and memory, and "
+    "commands no motion"
 )
 MISSING = (
     "a call without time, or with a time that is not later than before, repeats the last command; a missing number "
@@ -87,7 +88,7 @@ class Subject:
         yield "version", f"impact-gym {version('impact-gym')}"
         yield "made_by", self.command
         yield "calls", CALLS
-        yield "resets", RESETS
+        yield "resets", RESETS.format("its input" if self.policy else "time_weight")
         yield "missing", MISSING.format(ALARMS[task.alarm])
         if task.operator:
             yield "operator", OPERATOR.format(task.after_alarm, FADE, task.uplink.timeout)

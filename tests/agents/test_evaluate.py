@@ -3,6 +3,7 @@
 import runpy
 import shutil
 import subprocess
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -22,24 +23,18 @@ from impact_gym.task import Task, evaluation_sets
 
 
 @pytest.mark.parametrize("make", [PaperTrapezoid, made_up_policy])
-def test_result_of_a_scenario_does_not_depend_on_the_other_scenarios(make):
-    """To the last bit. The seed alone determines the scenarios, and a single environment gets the same results."""
-    controller, env = make(), gym.make(ID, scenario="test")
-    many, few = (ScenarioBatch(TEST_SEED + k, n).play(controller) for k, n in ((0, 60), (41, 7)))
+def test_result_of_a_scenario_does_not_depend_on_the_others(make):
+    """To the last bit. The seed alone determines the scenario."""
+    many, few = (ScenarioBatch(TEST_SEED + k, n).play(make()) for k, n in ((0, 60), (41, 7)))
     other = ScenarioBatch(TEST_SEED, 60).play(ConstantSpeed(1.5, 20.0))
-    assert_identical({name: values[41:48] for name, values in many.scenario.items()}, few.scenario)
-    assert_identical(many.scenario, other.scenario)
+    assert_identical({name: values[41:48] for name, values in other.scenario.items()}, few.scenario)
     for name in RESULTS:
         assert np.array_equal(getattr(many, name)[41:48], getattr(few, name))
-    for row in (0, 41, 59):
-        episode = play(env, controller, TEST_SEED + row)
-        assert episode.info["scenario"] == {name: values[row] for name, values in many.scenario.items()}
-        for name in ("object_velocity", "approach_time", "peak_force"):
-            assert episode.info[name] == getattr(many, name)[row]
-        assert many.loss(2.0)[row] == pytest.approx(-episode.rewards.sum(), rel=1e-12)
+    episode = play(gym.make(ID, scenario="test"), make(), TEST_SEED + 41)
+    assert few.loss(2.0)[0] == pytest.approx(-episode.rewards.sum(), rel=1e-12)
 
 
-def test_scenario_batch_reports_a_failed_scenario_or_counts_it_as_missed():
+def test_failed_scenario_is_reported_or_counted_as_missed():
     with pytest.raises(RuntimeError, match=f"scenario with seed {TEST_SEED}: .*more integration steps"):
         ScenarioBatch(TEST_SEED, 1, max_steps=10).play(PaperTrapezoid())
     validation = Validation(Task(), WEIGHTS, scenarios=5, max_steps=10)
@@ -83,26 +78,23 @@ def test_seeds_of_evaluation_tuning_and_training_do_not_overlap():
 
 def test_policy_warns_once_if_it_plays_another_environment(recwarn):
     policy, elsewhere = load_policy("bistable-blind"), ScenarioBatch(5, 3, Task(coupling={"type": "Bistable"}))
-    with pytest.warns(UserWarning, match="another environment, which differs in coupling$"):
+    for _ in range(2):
         elsewhere.play(policy)
-    recwarn.clear()
-    elsewhere.play(policy)
+    assert [str(each.message) for each in recwarn.list] == [
+        "the policy was trained for another environment, which differs in coupling"
+    ]
     ScenarioBatch(5, 3, load_setup("bistable-blind").task, time_weight=[1.0]).play(load_policy("bistable-blind"))
-    assert not recwarn.list
+    assert len(recwarn.list) == 1
 
 
 @pytest.mark.parametrize(("change", "differs"), [
-    *(({"reaction_delay": delay}, []) for delay in (0.016, (0.016, 0.016), [0.016, 0.016], np.full(2, 0.016))),
-    ({"reaction_delay": [0.01, 0.02], "tool_mass": [0.1, 0.15]}, ["reaction_delay", "tool_mass"]),
-    ({"coupling": {"type": "SpringDamper", "stiffness": np.array([40.0, 60.0])}}, ["coupling"]),
-    ({"coupling": {"type": "SpringDamper", "stiffness": 50.0}, "tool_mass": 0.125}, []),
+    ({"reaction_delay": np.full(2, 0.016), "coupling": {"type": "SpringDamper", "stiffness": 50.0}}, []),
+    ({"reaction_delay": [0.01, 0.02], "tool_mass": [0.1, 0.15]}, ["reaction_delay, tool_mass"]),
     ({"privileged": True, "time_weight": 1.0, "rtol": 1e-5, "scenario": "hard", "max_episode_steps": 9}, []),
 ], ids=str)  # fmt: skip
-def test_policy_names_the_arguments_that_differ_in_any_notation(change, differs, recwarn):
-    policy = made_up_policy(environment={"range_noise": 0.01})
-    policy.warn_if_elsewhere(Task(**{"range_noise": 0.01, **change}))
-    said = [str(warning.message).partition("differs in ")[2] for warning in recwarn.list]
-    assert said == ([", ".join(differs)] if differs else [])
+def test_policy_names_the_arguments_that_differ(change, differs, recwarn):
+    made_up_policy(environment={"range_noise": 0.01}).warn_if_elsewhere(Task(**{"range_noise": 0.01, **change}))
+    assert [str(warning.message).partition("differs in ")[2] for warning in recwarn.list] == differs
 
 
 def test_tuned_profile_keeps_its_positions_in_other_scenarios():
@@ -116,23 +108,31 @@ def test_tuned_profile_keeps_its_positions_in_other_scenarios():
     assert np.array_equal(result["object_velocity"][0], expected.object_velocity)
 
 
-def test_revision_names_the_commit_only_of_sources_that_git_tracks(tmp_path):
+def test_play_takes_sets_tables_and_ranges_alike():
+    frozen = evaluation_sets.load("test")
+    table = {name: values[:20].tolist() for name, values in frozen.scenario.items()}
+    same = [{"set": "test"}, {"table": table, "seed": frozen.seed}, {"ranges": "train", "seed": frozen.seed}]
+    first, *rest = (
+        jobs.play({"baseline": "paper-trapezoid"}, {**each, "count": 20}, environment={"range_noise": 0.01})
+        for each in same
+    )
+    assert_identical([first, first], rest)
+
+
+def test_revision_names_the_commit_only_of_tracked_sources(tmp_path):
     def git(*command):
         author = ("-c", "user.name=Somebody", "-c", "user.email=somebody@example.org")
         return subprocess.check_output(["git", *author, *command], cwd=tmp_path, text=True).strip()
 
-    def revision():
-        return runpy.run_path(str(file))["revision"]()
-
-    file = tmp_path / "provenance.py"
-    shutil.copy(provenance.__file__, file)
+    file = Path(shutil.copy(provenance.__file__, tmp_path / "provenance.py"))
     git("init", "--quiet")
     git("commit", "--quiet", "--allow-empty", "--message=somebody else's")
-    assert revision() == {"commit": None, "changed since": None}
+    assert runpy.run_path(str(file))["revision"]() == {"commit": None, "changed since": None}
     git("add", file.name)
     git("commit", "--quiet", "--message=ours")
     file.write_text(file.read_text() + "\n")
-    assert revision() == {"commit": git("rev-parse", "HEAD"), "changed since": "M provenance.py"}
+    expected = {"commit": git("rev-parse", "HEAD"), "changed since": "M provenance.py"}
+    assert runpy.run_path(str(file))["revision"]() == expected
 
 
 def test_digest_changes_with_any_source_of_the_module(tmp_path, monkeypatch):
@@ -140,22 +140,15 @@ def test_digest_changes_with_any_source_of_the_module(tmp_path, monkeypatch):
     inner = tmp_path / "package_of_jobs" / "inner"
     inner.mkdir(parents=True)
     (inner.parent / "__init__.py").touch()
-    (inner / "__init__.py").write_text("ONE = 1\n")
-    before = digest_of("package_of_jobs"), digest_of("package_of_jobs.inner")
-    assert digest_of("package_of_jobs") == before[0]
-    (inner / "data.json").write_text("{}")
-    assert digest_of("package_of_jobs") != before[0]
-    assert digest_of("package_of_jobs.inner") != before[1]
+    names, found = ("package_of_jobs", "package_of_jobs.inner"), []
+    for file, text in (
+        ("__init__.py", "ONE = 1"),
+        ("__init__.py", "ONE = 2"),
+        ("data.json", "[]"),
+        ("data.json", "{}"),
+    ):
+        (inner / file).write_text(text)
+        found.append([digest_of(name) for name in names])
+        assert found[-1] == [digest_of(name) for name in names]
+    assert len({each[0] for each in found}) == len({each[1] for each in found}) == len(found)
     refused(lambda: digest_of("not_there"), "no module 'not_there'")
-
-
-def test_play_takes_sets_tables_and_ranges_alike():
-    frozen = evaluation_sets.load("test")
-    table = {name: values[:20].tolist() for name, values in frozen.scenario.items()}
-    ranges = {"object_mass": [0.1, 2.5], "contact_stiffness": [1e3, 1e6], "restitution": [0.1, 1.0],
-              "distance": [0.15, 0.35]}  # fmt: skip
-    same = [{"set": "test"}, {"table": table, "seed": frozen.seed}, {"ranges": ranges, "seed": frozen.seed}]
-    noisy = {"range_noise": 0.01}
-    rule = {"baseline": "paper-trapezoid"}
-    first, *rest = (jobs.play(rule, {**each, "count": 20}, environment=noisy) for each in same)
-    assert_identical([first, first], rest)

@@ -12,17 +12,19 @@ from made_up_policies import KINDS, made_up_policy, observations
 from refusal import refused
 
 from agents import load_policy, load_setup
+from agents.baselines import ConstantSpeed
 from agents.export import __main__ as exporting
 from agents.export.__main__ import Export, judged, judged_replay
 from agents.export.c_header import header
-from agents.export.contract import Subject, of_name
+from agents.export.contract import Subject, of_name, of_setup
 from agents.export.onnx_graph import write_onnx
 from impact_gym.envs import IDS
 from impact_gym.envs.batch import Batch
-from impact_gym.task import ActionSpec, Task
+from impact_gym.task import QUANTITIES, ActionSpec, Task
 from impact_gym.task.observation import place
 
 pytestmark = pytest.mark.skipif(not (shutil.which("cc") or shutil.which("gcc")), reason="no C compiler")
+FEW = {"episodes": 10, "calls": 10}
 
 
 @pytest.fixture
@@ -33,32 +35,40 @@ def onnx():
 
 @pytest.mark.usefixtures("onnx")
 @pytest.mark.parametrize("kind", KINDS)
-def test_run_writes_header_and_onnx_and_prints_their_checks_and_missing_ones(tmp_path, monkeypatch, capsys, kind):
-    """Some actions lie within their limits: equal limits would prove nothing."""
+def test_run_writes_header_and_onnx_and_compares_both(tmp_path, capsys, kind):
     policy = made_up_policy(**KINDS[kind])
-    assert (np.abs(policy.predict(observations(policy))[0]) < 1.0).any(axis=0).all()
+    assert (np.abs(policy.predict(observations(policy))[0]) < 1.0).any(axis=0).all()  # not only equal limits
     saved = policy.save(tmp_path / "my policy-2.npz")
-    options = Export(str(saved), tmp_path / "out", episodes=300, calls=1000)
-    assert [file.name for file in exporting.run(options)] == ["my policy-2.h", "my policy-2.onnx"]
+    files = exporting.run(Export(str(saved), tmp_path / "out", **FEW))
+    assert [file.name for file in files] == ["my policy-2.h", "my policy-2.onnx"]
     printed = capsys.readouterr().out
     assert (printed.count("16,000 us"), printed.count("differs from the policy by at most")) == (1, 2)
+
+
+def test_run_says_which_check_is_missing(finished, tmp_path, monkeypatch, capsys):
+    """Here for the folder of a training, whose best policy is exported."""
+    options = Export(str(finished), tmp_path / "out", **FEW)
     monkeypatch.setenv("PATH", str(tmp_path))
-    exporting.run(options)
-    printed = capsys.readouterr().out
-    assert "my policy-2.h: its network is not checked, no C compiler is here" in printed
-    assert "my policy-2.h: its controller is not checked: no C compiler" in printed
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    header_file, graph = exporting.run(options)
+    printed, name = capsys.readouterr().out, finished.name
+    assert f"{name}.h: its network is not checked, no C compiler is here" in printed
+    assert f"{name}.h: its controller is not checked: no C compiler" in printed
+    assert f"{name}.onnx: its network is not checked, the package onnxruntime is missing" in printed
+    assert entries(header_file.read_text()) == Subject(load_policy(finished)).contract
+    assert graph.is_file()
     monkeypatch.setitem(sys.modules, "onnx", None)
     refused(lambda: exporting.run(options), "ONNX needs the package onnx: pip install")
 
 
-def test_judged_refuses_a_network_or_controller_with_other_results(tmp_path):
-    """If one action of 10,000 differs by a little more than rounding."""
+@pytest.mark.parametrize("error", [2e-6, np.nan])
+def test_one_wrong_action_of_many_is_refused(tmp_path, error):
+    """If it differs by a little more than rounding, or is no number."""
     actions, computed = np.zeros((2, 10_000, 2), np.float32)
     assert "by at most 0.0e+00" in judged(tmp_path, computed, "", actions, 1e-6)
-    computed[-1, 1] += 2e-6
-    refused(lambda: judged(tmp_path, computed, "", actions, 1e-6), "differs from the policy by 2")
-    played = 2e-5, np.full(9, 1e-6)
-    refused(lambda: judged_replay(tmp_path, played, 3, 0.016), "differ by 2.0e-05 of their range")
+    computed[-1, 1] += error
+    refused(lambda: judged(tmp_path, computed, "", actions, 1e-6), f"differs from the policy by {error:.1e}")
+    refused(lambda: judged_replay(tmp_path, (10.0 * error, np.ones(9)), 3, 0.016), f"differ by {10.0 * error:.1e}")
 
 
 def entries(text):
@@ -67,38 +77,57 @@ def entries(text):
     return dict(line.split(": ", 1) for line in lines)
 
 
-@pytest.mark.parametrize("environment", [{"range_noise": 0.01, "past_readings": 2}, IDS["ImpactTeleop-v0"]], ids=str)
-def test_header_and_onnx_have_the_same_contract_which_describes_the_task(tmp_path, onnx, environment):
-    policy = made_up_policy(environment=environment)
+@pytest.mark.parametrize("environment", [{"range_noise": 0.01, "past_readings": 2, "control_period": 0.008},
+                                         IDS["ImpactTeleop-v0"]], ids=["ranged", "teleop"])  # fmt: skip
+def test_header_and_onnx_have_one_contract_of_the_task(tmp_path, onnx, environment):
+    policy = made_up_policy(environment=environment | {"time_weight": [0.5, 6.0], "reaction_delay": [0.01, 0.02]})
     policy.provenance["command"] = "train */ /* ??/ evil"
-    subject = Subject(policy)
+    subject, task = Subject(policy), policy.task
     text = header(subject, "it")
     assert text.partition("#ifndef")[0].count("*/") == 1
     model = onnx.load(write_onnx(subject, tmp_path / "it.onnx"))
     assert entries(text) == {item.key: item.value for item in model.metadata_props} == subject.contract
-    said, task = {name: json.loads(value) for name, value in subject.contract.items()}, Task(**environment)
-    assert Task(**said["environment"]) == task
-    assert (said["control_period"], said["made_by"]) == ({"value": 0.016, "unit": "s"}, policy.provenance["command"])
-    assert said["objects"]["object_mass"] == {"low": 0.1, "high": 2.5, "unit": "kg"}
+    said = {name: json.loads(value) for name, value in subject.contract.items()}
+    assert (Task(**said["environment"]), said["made_by"]) == (task, policy.provenance["command"])
+    assert said["control_period"] == {"value": environment.get("control_period", 0.016), "unit": "s"}
+    for name, unit, (low, high) in (
+        ("time_weight", "m/s per s", (0.5, 6.0)), ("reaction_delay", "s", (0.01, 0.02)),
+        ("velocity_limits", "m/s", task.velocity_range), ("acceleration_limits", "m/s^2", task.acceleration_range),
+    ):  # fmt: skip
+        assert said[name] == {"low": low, "high": high, "unit": unit}
+    for name, pair in task.scenario.by_id().items():
+        assert said["objects"][name] == {"low": pair[0], "high": pair[1], "unit": QUANTITIES[name].unit}
     inputs = [said[f"input {place:02}"] for place in range(policy.inputs)]
     outputs = [said[f"output {place:02}"] for place in range(policy.actions)]
     assert [row["id"] for row in inputs] == [*policy.spec.ids]
     assert [(row["id"], row["unit"]) for row in outputs] == [(row.id, row.unit) for row in ActionSpec(task).entries]
     for row in inputs:
+        assert row["unit"] == QUANTITIES[re.sub(r"_\d$", "", row["id"])].unit
         ends = policy.spec.encode(row["id"], [row["low"], row["high"]])
         assert ends == pytest.approx([row["scaled_low"], 1.0])
 
 
-def test_checksum_changes_with_a_weight_and_with_the_task():
-    policy, other = made_up_policy(), made_up_policy()
-    other.network.mean.weight[0, 0] += 1e-6
-    longer = made_up_policy(environment={"reaction_delay": 0.017})
-    assert len({Subject(each).contract["checksum"] for each in (policy, other, longer)}) == 3
-    assert Subject(policy).contract == Subject(made_up_policy()).contract
+def rule(*parameters, weights=(0.5, 2.0), **environment):
+    controller = ConstantSpeed.of([parameters, [1.0, 8.0, 8.0]]).for_task(Task(**environment))
+    controller.weights = weights
+    return controller
 
 
-@pytest.mark.parametrize("name", ["linear-ranged", "linear-robust", "teleop-spring"])
-def test_loader_of_the_page_runs_onnx_from_its_metadata_alone(tmp_path, onnx, name):
+def test_checksum_changes_with_each_parameter_and_the_task():
+    policies = [made_up_policy() for _ in range(4)]
+    for policy, array in zip(policies[1:], ("weight", "bias", "weight"), strict=True):
+        layer = policy.network.hidden[0] if policy is policies[3] else policy.network.mean
+        getattr(layer, array)[(0,) * getattr(layer, array).ndim] += 1e-6
+    rules = [rule(0.5, 8.0, 8.0), rule(0.5 + 1e-9, 8.0, 8.0), rule(0.5, 8.0, 9.0), rule(0.5, 8.0, 8.0, tool_mass=0.2),
+             rule(0.5, 8.0, 8.0, weights=(0.5, 4.0))]  # fmt: skip
+    every = [*policies, made_up_policy(environment={"reaction_delay": 0.017}), *rules]
+    assert len({Subject(each).contract["checksum"] for each in every}) == len(every)
+    for make in (made_up_policy, lambda: rule(0.5, 8.0, 8.0)):
+        assert Subject(make()).contract == Subject(make()).contract
+
+
+@pytest.mark.parametrize("name", ["linear-robust", "teleop-spring"])
+def test_loader_of_the_page_runs_onnx_from_its_metadata(tmp_path, onnx, name):
     """It returns the commands of 50 episodes from readings in SI units."""
     page = Path(__file__).parents[2] / "docs" / "how-to" / "deploy-c.md"
     (code,) = re.findall(r'```python title="loader.py"\n(.*?)```', page.read_text(), re.DOTALL)
@@ -107,7 +136,7 @@ def test_loader_of_the_page_runs_onnx_from_its_metadata_alone(tmp_path, onnx, na
     command = loader["load"](write_onnx(subject, tmp_path / "it.onnx"))
     batch = Batch(50, subject.task)
     batch.begin_seeded(0, {})
-    for _ in range(30):
+    for _ in range(20):
         actions = policy.predict(batch.observations)[0]
         expected = ActionSpec(subject.task).decode(actions)
         now = batch.episodes.view(np.float64).reshape(50, -1)
@@ -122,15 +151,24 @@ def test_loader_of_the_page_runs_onnx_from_its_metadata_alone(tmp_path, onnx, na
     refused(lambda: loader["load"](tmp_path / "it.onnx"), "has no contract")
 
 
-def test_all_controllers_of_a_set_up_are_exported_to_one_folder(tmp_path, capsys):
+def test_all_controllers_of_a_set_up_are_exported(tmp_path, capsys):
     setup = load_setup("linear-blind")
     shutil.copytree(setup.folder / "tuned", tmp_path / "tuned")
     (tmp_path / "tuned" / "constant-speed.json").unlink()
-    run = Export("linear-blind", tmp_path / "out", all=True, folder=tmp_path, episodes=10, calls=100)
-    written = {path.name for path in exporting.run(run)}
-    assert written == {"paper-trapezoid.h", "local-brake.h", "blind-profile.h", "constant-deceleration.h"}
+    written = exporting.run(Export("linear-blind", tmp_path / "out", all=True, folder=tmp_path, **FEW))
+    names = {"paper-trapezoid", "local-brake", "blind-profile", "constant-deceleration"}
+    assert {path.name for path in written} == {f"{name}.h" for name in names}
     printed = capsys.readouterr().out
     for left_out in ("constant-speed is left out: baseline 'constant-speed' was not tuned", "linear-blind is left out"):
         assert left_out in printed
-    run = Export("paper-trapezoid", tmp_path / "rule", setup="paper-limits", episodes=10, calls=100)
-    assert '"low": 1.0, "high": 8.0, "unit": "m/s^2"' in exporting.run(run)[0].read_text()
+
+
+def test_rules_are_exported_for_the_users_arm(tmp_path, mine):
+    mine.write_text(mine.read_text().replace("[environment]", "[environment]\ncontrol_period = 0.01", 1))
+    setup = load_setup(mine)
+    for name, subject in (of_setup(setup) | {"paper-trapezoid": of_name("paper-trapezoid", setup)}).items():
+        assert subject.task == setup.task, name
+        said = {key: json.loads(value) for key, value in entries(header(subject, "it")).items()}
+        assert said["acceleration_limits"] == {"low": 0.5, "high": 4.0, "unit": "m/s^2"}
+        assert said["velocity_limits"] == {"low": -0.2, "high": 0.6, "unit": "m/s"}
+        assert (said["control_period"]["value"], Task(**said["environment"])) == (0.01, setup.task)

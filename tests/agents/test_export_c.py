@@ -1,12 +1,14 @@
-"""Controllers in C command what they command in Python, with good and with faulty readings, and compile as promised."""
+"""Controllers in C command what they command in Python, with good and with faulty readings."""
 
+import json
 import math
+import re
 import shutil
 import subprocess
-from itertools import product
 
 import numpy as np
 import pytest
+from compiled_headers import commands_of, compiled_together
 from episode_runs import assert_identical
 from made_up_policies import made_up_policy
 
@@ -15,7 +17,7 @@ from agents.baselines.rule import ranges_for
 from agents.baselines.tuned import FIXED, RULES
 from agents.export.c_header import write_header
 from agents.export.contract import Subject, of_name
-from agents.export.replay import LANGUAGES, compiled, logged, replay
+from agents.export.replay import compiled, logged, replay
 from agents.policies import SHIPPED
 from agents.setups import shipped_baselines
 from impact_gym.envs import IDS
@@ -23,26 +25,9 @@ from impact_gym.task import Task
 from impact_gym.task.action import RESOLUTION
 
 pytestmark = pytest.mark.skipif(not (shutil.which("cc") or shutil.which("gcc")), reason="no C compiler")
-
-
-@pytest.mark.parametrize("name", [
-    *sorted(path.stem for path in SHIPPED.glob("*.npz")), *sorted({*FIXED} - {"random"}), *shipped_baselines(),
-])  # fmt: skip
-def test_every_shipped_controller_gives_the_same_commands_in_c_and_numpy(tmp_path, name):
-    """In 300 episodes; for rules, time weights reach beyond the tuned ones."""
-    assert_commands_alike(tmp_path, of_name(name))
-
-
-def assert_commands_alike(folder, subject):
-    """Assert a difference below 1e-6 of the range, or below one step of the grid on which commands lie."""
-    log = logged(subject, 300)
-    assert log.commands[..., 0].std() > 0.01
-    program = compiled(subject, write_header(subject, folder / "it.h"), folder)
-    task = subject.task
-    grid = RESOLUTION / min(np.ptp(task.velocity_range), np.ptp(task.acceleration_range))
-    assert replay(subject, program, log, calls=1000)[0] < 1.001 * max(1e-6, grid)
-
-
+TELEOP, NOISE = IDS["ImpactTeleop-v0"], {"force_noise": [0.02, 5.0], "reaction_delay": [0.0, 0.05]}
+SHIPPED_ONES = [*sorted(path.stem for path in SHIPPED.glob("*.npz")), *sorted({*FIXED} - {"random"}),
+                *shipped_baselines()]  # fmt: skip
 SENSED = {"range_sensor": {"noise": 0.002, "share": 0.1}, "coupling": {"type": "SpringDamper", "stiffness": 50.0}}
 FAR, FAST = {"scenario": {"distance": [0.05, 0.6]}}, {"acceleration_range": [0.5, 30.0], "velocity_range": [-1.0, 2.0]}
 ROBUST = {name: load_setup("ranged-robust").environment[name] for name in
@@ -60,22 +45,7 @@ RULES_IN_C = {
     "brake": ("Ranged", FAST | {"range_noise": 0.02}),
     "speed": ("ConstantSpeed", {"alarm": "reading", "force_noise": 0.5, "control_period": 0.008}),
 }  # fmt: skip
-
-
-@pytest.mark.parametrize(("rule", "environment"), RULES_IN_C.values(), ids=RULES_IN_C)
-def test_rule_with_any_parameters_gives_the_same_commands_in_c_and_numpy(tmp_path, rule, environment):
-    """With three sets of parameters near the start values, for three time weights."""
-    ranges, rng = ranges_for(Task(**environment)), np.random.default_rng(1)
-    limits = RULES[rule].limited(ranges)
-    low, high, start = np.array([(each.low, each.high, each.start) for each in limits]).T
-    table = np.clip(start + 0.1 * rng.normal(size=(3, len(limits))) * (high - low), low, high)
-    controller = RULES[rule].of(table, ranges).for_task(Task(**environment))
-    controller.weights = (0.5, 1.0, 4.0)
-    assert_commands_alike(tmp_path, Subject(controller))
-
-
-TELEOP, NOISE = IDS["ImpactTeleop-v0"], {"force_noise": [0.02, 5.0], "reaction_delay": [0.0, 0.05]}
-CONTROLLERS = {
+POLICIES_IN_C = {
     "plain": {},
     "all sensors": {"range_noise": 0.01, "deflection_sensor": True, "force_noise": 0.5},
     "past readings": NOISE | {"alarm": "reading", "deflection_sensor": True, "past_readings": 3,
@@ -87,32 +57,95 @@ CONTROLLERS = {
     "an operator whose commands get lost": TELEOP | {
         "uplink": {"delay": 0.096, "loss": 0.4, "burst": 8.0, "timeout": 0.096}, "alarm": "reading"},
 }  # fmt: skip
+OPTIMISED = ("all sensors", "past readings", "an operator whose commands get lost", "filter, late and lost")
+FAULTY = {"force": {}, "reading": {"alarm": "reading"}, "past": {"past_readings": 2}}
 
 
-@pytest.mark.parametrize("environment", CONTROLLERS.values(), ids=list(CONTROLLERS))
-def test_controller_compiles_without_a_warning_and_gives_the_policys_commands(tmp_path, environment):
-    policy = made_up_policy(environment=environment)
+def made_up_rule(rule, environment):
+    """Return a rule with three rows of parameters near the start values, for three time weights."""
+    ranges, rng = ranges_for(Task(**environment)), np.random.default_rng(1)
+    limits = RULES[rule].limited(ranges)
+    low, high, start = np.array([(each.low, each.high, each.start) for each in limits]).T
+    table = np.clip(start + 0.1 * rng.normal(size=(3, len(limits))) * (high - low), low, high)
+    controller = RULES[rule].of(table, ranges).for_task(Task(**environment))
+    controller.weights = (0.5, 1.0, 4.0)
+    return Subject(controller)
+
+
+def operators_policy():
+    """The biases of the last layer command a gain of 1, a stop at 10.5 m/s^2 and the full withdrawal."""
+    policy = made_up_policy(environment=TELEOP)
+    policy.network.mean.weight[:], policy.network.mean.bias[:] = 0.0, [2.0, 0.0, 2.0]
+    return Subject(policy)
+
+
+@pytest.fixture(scope="module")
+def subjects():
+    made = {name: of_name(name) for name in SHIPPED_ONES}
+    made |= {name: made_up_rule(*how) for name, how in RULES_IN_C.items()}
+    return made | {name: Subject(made_up_policy(2, each)) for name, each in POLICIES_IN_C.items()}
+
+
+@pytest.fixture(scope="module")
+def faulty():
+    """Controllers that get faulty readings."""
+    policies = {name: made_up_policy(environment={"range_noise": 0.01, **each}) for name, each in FAULTY.items()}
+    return {name: Subject(policy) for name, policy in policies.items()} | {"operator": operators_policy()}
+
+
+@pytest.fixture(scope="module")
+def programs(subjects, faulty, tmp_path_factory):
+    """All controllers in C."""
+    return compiled_together(subjects | faulty, tmp_path_factory.mktemp("all"), "-O0")
+
+
+NOT_TOLD = [f"-U__{name}__" for name in ("FAST_MATH", "FINITE_MATH_ONLY", "ASSOCIATIVE_MATH")]
+"""Flags that make a compiler one that does not define these macros."""
+
+
+@pytest.fixture(scope="module", params=["-O0", "-Ofast"])
+def careless(request, programs, faulty, tmp_path_factory):
+    """The controllers that get faulty readings, also from a compiler that may remove tests for NaN."""
+    folder = tmp_path_factory.mktemp("faulty")
+    return programs if request.param == "-O0" else compiled_together(faulty, folder, request.param, *NOT_TOLD)
+
+
+@pytest.mark.parametrize("name", [*SHIPPED_ONES, *RULES_IN_C, *POLICIES_IN_C])
+def test_controller_gives_the_same_commands_in_c_and_numpy(subjects, programs, name):
+    """The difference is below 1e-6 of the range, or below one step of the grid on which commands lie."""
+    subject = subjects[name]
+    log, task, said = logged(subject, 60), subject.task, subject.contract
+    assert log.commands[..., 0].std() > 0.01
+    grid = RESOLUTION / min(np.ptp(task.velocity_range), np.ptp(task.acceleration_range))
+    difference, seconds = replay(subject, programs[name], log, calls=10)
+    assert difference < (1.001 * max(1e-6, grid) if name not in POLICIES_IN_C else 1e-5)
+    assert (seconds > 0.0).all()
+    period, limits = (json.loads(said[entry]) for entry in ("control_period", "velocity_limits"))
+    time = log.sensors[..., subject.spec.sensors.index("time")]
+    assert np.diff(time, axis=0).max() == pytest.approx(period["value"])  # the contract says the longest step
+    commanded = log.commands[np.arange(len(time))[:, None] < log.steps, 0]
+    assert limits["low"] - 1e-9 <= commanded.min() <= commanded.max() <= limits["high"] + 1e-9
+
+
+@pytest.mark.skipif(not shutil.which("g++"), reason="no C++ compiler")
+def test_optimised_cpp_gives_the_same_bits_as_plain_c(subjects, programs, tmp_path):
+    ours = {name: subjects[name] for name in OPTIMISED}
+    others = compiled_together(ours, tmp_path, "-O3", language="C++17")
+    for name, subject in ours.items():
+        log = logged(subject, 40)
+        given = log.sensors, log.time_weight, log.late, log.steps
+        assert_identical(commands_of(programs[name], *given), commands_of(others[name], *given))
+
+
+def test_header_needs_only_two_headers_and_careful_flags(tmp_path, capfd):
+    policy = made_up_policy(sizes=())
     file = write_header(policy, tmp_path / "it.h")
     includes = {line for line in file.read_text().splitlines() if line.startswith("#include")}
     assert includes == {"#include <math.h>", "#include <string.h>"}
-    log, commands = logged(Subject(policy), 300), []
-    assert log.commands.std() > 0.0
-    for language, level in product(LANGUAGES if shutil.which("g++") else ["C99"], ("-O0", "-O2", "-O3")):
-        program = compiled(Subject(policy), file, tmp_path, level, language=language)
-        difference, seconds = replay(Subject(policy), program, log, calls=1000)
-        assert difference < 1e-5  # a command lies on a grid, and may be the next point of the grid
-        assert np.quantile(seconds, 0.999) > 0.0
-        commands.append(replayed(program, log.sensors, log.steps, log.time_weight, log.late))
-    assert_identical(commands, commands[:1] * len(commands))
-
-
-def replayed(program, sensors, steps, weights, late=None):
-    """Return the commands (steps, rows, 2) of a compiled controller for readings (steps, rows, fields)."""
-    commands = np.zeros((*sensors.shape[:2], 2))
-    late = np.full(sensors.shape[:2], np.nan) if late is None else late
-    arrays = np.ascontiguousarray(sensors), np.asarray(steps, np.int32), np.asarray(weights, float), late, commands
-    program.play(len(weights), *(array.ctypes for array in arrays))
-    return commands
+    for flag in ("-Ofast", "-ffinite-math-only", "-funsafe-math-optimizations"):
+        with pytest.raises(subprocess.CalledProcessError):
+            compiled(Subject(policy), file, tmp_path, flag)
+        assert "it.h tests for NaN: compile it without -Ofast" in capfd.readouterr().err
 
 
 FIELDS = ["time", "position", "velocity", "alarm", "time_since_alarm", "force", "force_peak", "distance_estimate"]
@@ -151,69 +184,79 @@ def observed_by_hand(history, by_reading):
     return now | {"force": max(now["force"], 0.0)}
 
 
-NOT_TOLD = [f"-U__{name}__" for name in ("FAST_MATH", "FINITE_MATH_ONLY", "ASSOCIATIVE_MATH")]
-"""Flags that make a compiler one that does not define these macros."""
-HOW = [["-O2"], ["-Ofast", *NOT_TOLD], ["-ffinite-math-only", *NOT_TOLD]]
+def commands_by_hand(policy, readings, weight, by_reading):
+    """Return the commands of a policy for faulty readings, and how many of the readings count."""
+    history, commands, low, high = [], [np.array([0.0, 20.0])], np.array([-0.5, 1.0]), np.array([1.5, 20.0])
+    for reading in (dict(zip(FIELDS, values, strict=True)) for values in readings):
+        if not np.isfinite(reading["time"]) or (history and reading["time"] <= history[-1]["time"]):
+            commands.append(commands[-1])  # before the first reading: stay at rest
+            continue
+        history.append(reading)
+        seen = observed_by_hand(history, by_reading) | {"time_weight": weight}
+        seen |= {f"force_{k}": observed_by_hand(history[:-k], False)["force"] for k in (1, 2)}
+        row = np.array([policy.spec.encode(name, seen[name]) for name in policy.spec.ids], np.float32)
+        commands.append(low + 0.5 * (policy.predict(row)[0].astype(float) + 1.0) * (high - low))
+    return np.array(commands[1:]), len(history)
 
 
-@pytest.mark.parametrize("flag", ["-Ofast", "-ffinite-math-only", "-funsafe-math-optimizations"])
-def test_header_does_not_compile_with_flags_that_remove_tests_for_nan(tmp_path, flag, capfd):
-    policy = made_up_policy(sizes=())
-    with pytest.raises(subprocess.CalledProcessError):
-        compiled(Subject(policy), write_header(policy, tmp_path / "it.h"), tmp_path, flag)
-    assert "it.h tests for NaN: compile it without -Ofast" in capfd.readouterr().err
-
-
-@pytest.mark.parametrize("how", HOW, ids=" ".join)
-@pytest.mark.parametrize("environment", [{}, {"alarm": "reading"}, {"past_readings": 2}], ids=str)
-def test_controller_treats_faulty_readings_as_the_header_says(tmp_path, environment, how):
-    policy, weight = made_up_policy(environment={"range_noise": 0.01, **environment}), 2.0
-    program = compiled(Subject(policy), write_header(policy, tmp_path / "it.h"), tmp_path, *how)
-    for seed in range(8):
+@pytest.mark.parametrize("name", FAULTY)
+def test_faulty_readings_are_treated_as_the_contract_says(faulty, careless, name):
+    subject, weight = faulty[name], 2.0
+    said, by_reading = {key: json.loads(value) for key, value in subject.contract.items()}, "alarm" in FAULTY[name]
+    for part in ("not later than before, repeats the last command", "(NaN or infinite) keeps its last value",
+                 "before the first value a number is 0",
+                 "the alarm is on or off as read" if by_reading else "the alarm stays on"):  # fmt: skip
+        assert part in said["missing"]  # as `commands_by_hand` computes
+    for part in ("clipped to the range of its input", "a missing one (NaN or infinite) becomes the smallest"):
+        assert part in said["resets"]
+    place = subject.spec.ids.index("time_weight")
+    least, most = (said[f"input {place:02}"][side] for side in ("low", "high"))
+    for seed in range(3):
         readings = faulty_readings(seed)
-        commands = replayed(program, readings[:, None], [60], [weight])
-        history, expected = [], [np.array([0.0, 20.0])]  # before the first reading: stay at rest
-        for reading in (dict(zip(FIELDS, values, strict=True)) for values in readings):
-            if not np.isfinite(reading["time"]) or (history and reading["time"] <= history[-1]["time"]):
-                expected.append(expected[-1])
-                continue
-            history.append(reading)
-            seen = observed_by_hand(history, "alarm" in environment)
-            seen |= {f"force_{k}": observed_by_hand(history[:-k], False)["force"] for k in (1, 2)}
-            seen["time_weight"] = weight
-            row = np.array([policy.spec.encode(name, seen[name]) for name in policy.spec.ids], np.float32)
-            low, high = np.array([[-0.5, 1.0], [1.5, 20.0]])
-            expected.append(low + 0.5 * (policy.predict(row)[0].astype(float) + 1.0) * (high - low))
-        assert len(history) > 30
-        assert commands[:, 0] == pytest.approx(np.array(expected[1:]), rel=0, abs=2e-5)
+        commands = commands_of(careless[name], readings[:, None], [weight])
+        expected, count = commands_by_hand(subject.policy, readings, weight, by_reading)
+        assert count > 30
+        assert commands[:, 0] == pytest.approx(expected, rel=0, abs=2e-5)
         assert commands[:, 0].std(axis=0).min() > 0.05
-        weights = np.array([policy.spec.scale("time_weight").low, 0.0, -1.0, np.nan, np.inf, -np.inf])
-        lightest = replayed(program, np.repeat(readings[:, None], len(weights), axis=1), [60] * len(weights), weights)
-        assert np.ptp(lightest, axis=1).max() == 0.0 < abs(lightest[:, :1] - commands).max()
+        ends = [least, 0.0, -1.0, math.nan, math.inf, -math.inf, most, 2.0 * most]
+        weights = commands_of(careless[name], np.repeat(readings[:, None], len(ends), axis=1), ends)
+        assert np.ptp(weights[:, :6], axis=1).max() == 0.0 == np.ptp(weights[:, 6:], axis=1).max()
+        assert abs(weights[:, :1] - commands).max() > 0.0 < abs(weights[:, 6:7] - commands).max()
 
 
-@pytest.mark.parametrize("how", HOW, ids=" ".join)
-def test_controller_in_c_stops_without_commands_and_withdraws_only_after_an_alarm(tmp_path, how):
-    """The biases of the last layer command a gain of 1 and the full withdrawal; the alarm comes at 1.5 s."""
-    policy = made_up_policy(environment=IDS["ImpactTeleop-v0"])
-    policy.network.mean.weight[:], policy.network.mean.bias[:] = 0.0, [2.0, 0.0, 2.0]
-    program = compiled(Subject(policy), write_header(policy, tmp_path / "it.h"), tmp_path, *how)
-    time = 0.016 * np.arange(150)
-    fields = dict.fromkeys(policy.spec.sensors, np.zeros(150)) | {"time": time, "alarm": time >= 1.5}
+def test_rule_in_c_clips_its_time_weight_to_that_of_the_contract(subjects, programs):
+    subject = subjects["speed"]
+    low, high = (json.loads(subject.contract["time_weight"])[side] for side in ("low", "high"))
+    weights = [low, math.nan, math.inf, 0.0, 0.5 * low, high, 3.0 * high, 2.0 * low]
+    readings = np.zeros((1, len(weights), len(subject.spec.sensors)))
+    speed = commands_of(programs["speed"], readings, weights)[0, :, 0]
+    assert speed == pytest.approx(np.repeat([speed[0], speed[5], speed[7]], [5, 2, 1]), rel=0, abs=0)
+    between = np.interp(math.log(2.0 * low), np.log(subject.weights), subject.controller["speed"])
+    assert speed[[0, 5, 7]] == pytest.approx([*subject.controller["speed"][[0, -1]], between], abs=1e-6)
+    assert len({*speed}) == 3
+
+
+def test_operators_controller_stops_and_withdraws_as_it_says(faulty, careless):
+    """The alarm comes at 1.5 s; no command comes from 1.0 to 1.3 s. The contract says the three times."""
+    subject, time = faulty["operator"], 0.016 * np.arange(150)
+    hold, fade, timeout = map(float, re.findall(r"([\d.]+) s\b", subject.contract["operator"]))
+    most = json.loads(subject.contract["acceleration_limits"])["high"]
+    fields = dict.fromkeys(subject.spec.sensors, np.zeros(150)) | {"time": time, "alarm": time >= 1.5}
     fields["time_since_alarm"] = np.maximum(time - 1.5, 0.0)
     fields["command"] = np.where(np.abs(time - 0.5) < 0.02, math.nan, 0.2)
-    fields["command_age"] = 0.1 + np.clip(time - 1.0, 0.0, 0.3) * (time < 1.3)  # no command comes from 1.0 to 1.3 s
+    fields["command_age"] = 0.1 + np.clip(time - 1.0, 0.0, 0.3) * (time < 1.3)
     fields["command_age"][[40, 44, 48]] = -math.inf, math.nan, math.inf
     late = np.where(np.isin(np.arange(150), (20, 22)), math.inf, math.nan)[:, None]
-    commands = replayed(program, np.stack(list(fields.values()), axis=-1)[:, None], [150], [2.0], late)
-    silent = np.isnan(fields["command"]) | np.isinf(late[:, 0]) | ((time >= 1.0 + 0.1 + 0.008) & (time < 1.3))
-    back = 0.3 * np.clip(1.0 - (time - 1.5 - 0.15) / 0.1, 0.0, 1.0) * (time >= 1.5)
+    readings = np.stack(list(fields.values()), axis=-1)[:, None]
+    commands = commands_of(careless["operator"], readings, [2.0], late)
+    silent = np.isnan(fields["command"]) | np.isinf(late[:, 0]) | ((time >= 1.008 + timeout) & (time < 1.3))
+    back = 0.3 * np.clip(1.0 - (time - 1.5 - hold) / fade, 0.0, 1.0) * (time >= 1.5)
     assert silent.sum() > 12
     assert commands[:, 0, 0] == pytest.approx(np.where(silent, 0.0, 0.2 - back), abs=1e-9)
-    assert commands[:, 0, 1] == pytest.approx(np.where(silent, 20.0, 10.5), abs=1e-6)
+    assert commands[:, 0, 1] == pytest.approx(np.where(silent, most, 10.5), abs=1e-6)
 
 
-def test_header_has_no_controller_for_a_policy_that_observes_the_true_scenario(tmp_path):
+def test_policy_of_the_true_scenario_has_no_controller_in_c(tmp_path):
     policy = made_up_policy(environment={"privileged": True})
     file = write_header(policy, tmp_path / "it.h")
     assert "_step" not in file.read_text().partition("*/")[2]

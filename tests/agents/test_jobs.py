@@ -1,5 +1,6 @@
 """Calls run once and are stored; they run again only if their result is missing or damaged."""
 
+import errno
 import json
 import os
 import re
@@ -13,7 +14,7 @@ from pathlib import Path
 import cluster_work
 import numpy as np
 import pytest
-from cluster_work import calls, fails_on, kept, numbers
+from cluster_work import calls, ends_badly, kept, numbers
 from episode_runs import assert_identical
 
 from agents import jobs
@@ -22,7 +23,6 @@ from agents.jobs import Call, JobsFailedError, cached
 from impact_gym.files import DiskFullError
 
 ROOT = Path(__file__).parents[2]
-LOCAL = {"processes": 2}
 
 
 @pytest.fixture
@@ -38,8 +38,7 @@ DRIVER = """
 import signal, cluster_work
 from agents.jobs import cached
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a background process would ignore it
-if __name__ == "__main__":
-    cached(cluster_work.numbers, {given!r}, "results", processes=2)
+cached(cluster_work.numbers, {given!r}, "results", processes=2)
 """
 SOURCES = {"PYTHONPATH": os.pathsep.join(map(str, (ROOT / "tests" / "helpers", ROOT)))}  # instead of installed ones
 
@@ -48,33 +47,39 @@ SOURCES = {"PYTHONPATH": os.pathsep.join(map(str, (ROOT / "tests" / "helpers", R
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
 def test_killed_command_leaves_no_process(log, tmp_path, how):
     """Every process holds the pipe. Stored results are tested in tests/test_stopped.py."""
-    (tmp_path / "driver.py").write_text(DRIVER.format(given=listed(log, 4, seconds=600.0)))
-    line, environment = [sys.executable, "driver.py"], os.environ | SOURCES
-    with subprocess.Popen(line, cwd=tmp_path, env=environment, stdout=subprocess.PIPE) as run:
+    line = [sys.executable, "-c", DRIVER.format(given=listed(log, 4, seconds=600.0))]
+    with subprocess.Popen(line, cwd=tmp_path, env=os.environ | SOURCES, stdout=subprocess.PIPE) as run:
         while len(calls(log)) < 2:
             assert run.poll() is None, "the command ended too soon"
             time.sleep(0.02)
         run.send_signal(how)
         run.wait(60)
-        run.communicate(timeout=10)  # until the last process has closed it
+        run.communicate(timeout=60)  # until the last process has closed it
 
 
-def test_failed_calls_are_named_when_all_others_are_done(log, tmp_path):
+def test_failed_late_and_killed_calls_are_named_and_stored(log, tmp_path):
+    """If there is a replacement, else they run again. All others are stored."""
+    how = ["", "fails", "killed", "late", ""]
+    given = [{"log": str(log), "number": number, "how": each} for number, each in enumerate(how)]
+
+    def instead(each, reason):
+        return each["number"], reason
+
+    for _ in range(2):  # the second time no call starts
+        first, failed, killed, late, last = cached(
+            ends_badly, given, tmp_path, processes=2, seconds=3.0, failed=instead
+        )
+        assert (first["number"], last["number"]) == (0, 4)
+        assert failed == (1, "ArithmeticError: no result for 1")
+        assert killed == (2, "its process was lost, with exit code -9 (out of memory?)")
+        assert late == (3, "no answer within 3 s")
+        assert sorted(calls(log)) == [0, 2, 3, 4]
     with pytest.raises(JobsFailedError) as raised:
-        cached(fails_on, listed(log, 4, bad=[1, 2]), tmp_path, **LOCAL)
-    assert sorted(calls(log)) == [0, 3]
-    assert len(kept(tmp_path)) == 2
-    raised.match("2 of 4 jobs failed")
-    raised.match(r'fails_on {.*"number": 2}: ArithmeticError: no result for 2')
-    raised.match("the first of these raised:\nTraceback(.|\n)*in fails_on")
-
-
-def test_lost_process_fails_only_the_call_that_it_ran(log, tmp_path):
-    reasons = []
-    given = [{"log": str(log), "number": 7}]
-    cached(cluster_work.kills_itself, given, tmp_path, failed=lambda each, why: reasons.append((each, why)), **LOCAL)
-    assert reasons == [(given[0], "its process was lost, with exit code -9 (out of memory?)")]
-    assert calls(log) == [7]
+        cached(ends_badly, given[:2] + listed(log, 9, how="fails")[2:], tmp_path, processes=0)
+    assert len(kept(tmp_path)) == 5
+    raised.match("8 of 9 jobs failed")
+    raised.match(r'ends_badly {.*"number": 8}: ArithmeticError: no result for 8')
+    raised.match("the first of these raised:\nTraceback(.|\n)*in ends_badly")
 
 
 @pytest.mark.slow
@@ -85,11 +90,9 @@ def test_ray_results_equal_local_ones_to_the_bit(tmp_path):
     environment |= {"RAY_USAGE_STATS_ENABLED": "0", "PYTHONWARNINGS": "default"}
     folder = tmp_path / "there"
     folder.mkdir()  # the script runs there: Ray's workers look for modules in its folder
+    command = [sys.executable, "-m", "cluster_work", folder]
     with (tmp_path / "printed").open("w") as printed:
-        streams = {"stdout": printed, "stderr": printed}
-        command = [sys.executable, "-m", "cluster_work", folder]
-        ended = subprocess.run(command, check=False, cwd=folder, env=environment, timeout=300, **streams)
-    assert ended.returncode == 0, (tmp_path / "printed").read_text()[-4000:]
+        subprocess.run(command, check=True, cwd=folder, env=environment, timeout=300, stdout=printed, stderr=printed)
     outcome = json.loads((folder / "outcome.json").read_text())
     stored = cached(cluster_work.played, cluster_work.scenarios(folder), folder / "results", processes=0)
     assert sorted(calls(folder / "log")) == [*range(12)]  # only on the cluster
@@ -109,14 +112,14 @@ def test_node_with_other_versions_runs_no_call(tmp_path, log):
     assert b"install the same" not in jobs.perform(call, {"numpy": np.__version__})
 
 
-def test_results_have_the_same_bits_in_any_order_and_any_processes(log, tmp_path, monkeypatch):
+def test_results_have_the_same_bits_in_any_order_and_process(log, tmp_path, monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
     monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
     here = cached(numbers, listed(log), tmp_path / "here", processes=0)
     assert calls(log) == list(range(6))
     assert {result.pop("threads")[0] for result in here} == {"7"}
-    backwards = cached(numbers, listed(log)[::-1], tmp_path / "results", **LOCAL)
-    again = cached(numbers, listed(log), tmp_path / "results", **LOCAL)
+    backwards = cached(numbers, listed(log)[::-1], tmp_path / "results", processes=2)
+    again = cached(numbers, listed(log), tmp_path / "results", processes=2)
     assert sorted(calls(log)) == sorted([*range(6), *range(6)])
     for each in (*backwards, *again):
         assert each.pop("threads") == ["1", "1", "1", "1"]
@@ -125,7 +128,7 @@ def test_results_have_the_same_bits_in_any_order_and_any_processes(log, tmp_path
     assert (os.environ["OMP_NUM_THREADS"], "MKL_NUM_THREADS" in os.environ) == ("7", False)  # of this process
 
 
-def test_equal_calls_run_once_and_each_gets_its_own_copy_of_the_result(log, tmp_path):
+def test_equal_calls_run_once_and_each_gets_its_own_copy(log, tmp_path):
     cached(numbers, listed(log, 2)[1:], tmp_path, processes=0)
     seen, given = [], listed(log, 2) + listed(log, 3)
     results = cached(numbers, given, tmp_path, processes=0, done=lambda *each: seen.append(each))
@@ -139,7 +142,7 @@ def test_equal_calls_run_once_and_each_gets_its_own_copy_of_the_result(log, tmp_
 @pytest.mark.parametrize("damage", [
     lambda content: content[:-40], lambda _: b"", lambda content: np.random.default_rng(0).bytes(len(content)),
     lambda content: content[:-50] + bytes([content[-50] ^ 1]) + content[-49:],
-])  # fmt: skip
+], ids=["cut", "empty", "random", "a bit"])  # fmt: skip
 def test_damaged_result_is_computed_again(log, tmp_path, capsys, damage):
     folder, given = tmp_path / "results", listed(log, 3)
     before = cached(numbers, given, folder, processes=0)
@@ -154,30 +157,24 @@ def test_damaged_result_is_computed_again(log, tmp_path, capsys, damage):
     assert len(calls(log)) == 4
 
 
-def test_late_call_is_ended_and_its_failure_stored_if_there_is_a_replacement(log, tmp_path):
-    given = [{"log": str(log), "number": 3, "seconds": 600.0}, {"log": str(log), "number": 4}]
-    for _ in range(2):  # the second time no call starts
-        late, done = cached(numbers, given, tmp_path, seconds=1.0, failed=lambda _, reason: reason, **LOCAL)
-        assert (late, done["number"]) == ("no answer within 1 s", 4)
-        assert sorted(calls(log)) == [3, 4]
-    bad = [{"log": str(log), "number": 1, "bad": [1]}]
-    (failed,) = cached(fails_on, bad, tmp_path, processes=0, failed=lambda _, reason: reason)
-    assert failed == "ArithmeticError: no result for 1"
-    with pytest.raises(JobsFailedError, match="ArithmeticError"):  # without `failed`, failed calls run again
-        cached(fails_on, bad, tmp_path, processes=0)
-
-
-@pytest.mark.parametrize("processes", [0, 1])
-def test_command_ends_if_a_call_finds_the_disk_full_and_keeps_stored_results(processes, log, tmp_path):
+def test_full_disk_ends_the_command_and_keeps_whole_results(log, tmp_path, monkeypatch):
+    """If a call finds the disk full, or if there is no room for a result: then no part of it is taken for a result."""
     cached(numbers, listed(log, 1), tmp_path, processes=0)
-    given = [{"path": str(tmp_path / "file")}]
+    given, write = [{"path": str(tmp_path / "file")}], Path.write_bytes
     with pytest.raises(DiskFullError, match=r"no room to write .*file: No space left on device"):
-        cached(cluster_work.finds_no_room, given, tmp_path, processes=processes, failed=lambda *_: None)
+        cached(cluster_work.finds_no_room, given, tmp_path, processes=0, failed=lambda *_: None)
+
+    def half(path, content):
+        write(path, content[: len(content) // 2])
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "write_bytes", half)
+    with pytest.raises(DiskFullError, match=r"no room to write .*pkl: No space left on device"):
+        cached(numbers, listed(log), tmp_path, processes=0)
     assert len(kept(tmp_path)) == 1
 
 
 @pytest.mark.parametrize(("call", "kind", "message"), [
-    ((numbers, [], {"processes": -1}), ValueError, "processes .* at least 0, got -1"),
     ((numbers, [], {"seconds": 2.0, "cluster": "ray"}), ValueError, "seconds or cluster, not both"),
     ((numbers, [], {"seconds": 0.0}), ValueError, "seconds .* above 0 s"),
     ((lambda: 1, [{}], {}), ValueError, "define it at the top level of a module"),
@@ -191,16 +188,18 @@ def test_invalid_options_functions_and_arguments_are_refused(call, kind, message
         cached(function, arguments, tmp_path, **options)
 
 
-def test_another_function_other_arguments_or_dependencies_have_another_result(log, tmp_path):
-    given = {"log": str(log), "number": 1, "bad": []}
-    for count, (function, arguments, depends) in enumerate([
-        (fails_on, given, ""), (fails_on, given | {"bad": [3]}, ""), (fails_on, given, "sources"),
-        (numbers, {"log": str(log), "number": 1}, ""),
-    ], start=1):  # fmt: skip
-        cached(function, [arguments], tmp_path / "results", depends=depends, processes=0)
-        assert len(calls(log)) == count
-    cached(fails_on, [dict(reversed(given.items()))], tmp_path / "results", processes=0)
-    assert len(calls(log)) == 4
+def test_key_of_a_result_has_function_arguments_and_depends(log, tmp_path):
+    given = {"log": str(log), "number": 1}
+    different = [
+        (ends_badly, given, ""),
+        (numbers, given, ""),
+        (numbers, given | {"number": 3}, ""),
+        (numbers, given, "x"),
+    ]
+    for count, (function, arguments, depends) in enumerate(different, start=1):
+        for each in (arguments, dict(reversed(arguments.items()))):
+            cached(function, [each], tmp_path / "results", depends=depends, processes=0)
+            assert len(calls(log)) == count
 
 
 def test_progress_in_a_log_prints_lines_after_30_s(capsys):

@@ -1,6 +1,7 @@
 """Parts of a training: options, environments, networks, and the imitation of a teacher."""
 
 import itertools
+import json
 import shlex
 from dataclasses import replace
 
@@ -10,7 +11,7 @@ import pytest
 import torch
 from made_up_policies import observations
 from stable_baselines3.common.logger import Logger
-from tiny_training import tiny
+from tiny_training import ALL_PARTS, tiny
 
 from agents import load_setup
 from agents.baselines import PaperTrapezoid
@@ -34,49 +35,61 @@ def model_of(run):
 
 
 @pytest.mark.parametrize("name", shipped())
-def test_read_options_takes_settings_from_the_set_up_and_reads_the_command_of_a_run(name):
+def test_options_come_from_the_set_up_and_a_runs_command(name):
     setup = load_setup(name)
     assert read_options([name]) == TrainOptions(name, setup.training)
-    assert read_options([name, "--clip", "0.1"]).training == replace(setup.training, clip=0.1)
     run = Run(setup, replace(tiny().training, time_weight=(1.0, 2.0), informed_critic=False), seed=7)
     options = read_options(shlex.split(run.command)[2:])
     assert Run(load_setup(options.setup), options.training, options.seed) == run
     assert Run(setup, setup.training).command == f"impact-gym train {name}"
 
 
-@pytest.mark.parametrize("power", [0.0, 0.5])
-def test_scaled_rewards_divides_by_a_power_of_one_plus_the_weight_of_the_episode(power):
-    plain = ImpactVecEnv(16, time_weight=(0.5, 8.0))
-    scaled = ScaledRewards(ImpactVecEnv(16, time_weight=(0.5, 8.0)), power)
+def test_record_of_a_run_has_all_that_determines_its_result(tmp_path):
+    """Here what its other settings do not show: values in the set-up's file, and the content of the teacher's file."""
+    path, more = tmp_path / "parts.toml", "[training]\nmixed = [{ share = 0.25, force_noise = 1.0 }]\n"
+    texts = [ALL_PARTS, ALL_PARTS.replace("0.125", "0.13"), ALL_PARTS.replace("[0.1,", "[0.11,"), ALL_PARTS + more]
+    texts += [
+        texts[-1].replace("force_noise = 1.0", "force_noise = 2.0"),
+        ALL_PARTS + "[evaluation]\nweights = [2.0]\n",
+    ]
+    made = []
+    for text in texts:
+        path.write_text(text)
+        made.append(tiny(path, nominal=0.5, teacher="blind-profile").made_for())
+    assert len({json.dumps(each) for each in made}) == len(texts)
+    assert made[0]["teacher"] == read_tuned("blind-profile")["sha256"]
+
+
+def test_rewards_are_scaled_by_the_weight_of_the_episode():
+    plain, inner = (ImpactVecEnv(16, time_weight=(0.5, 8.0)) for _ in range(2))
+    scaled, power, episodes = ScaledRewards(inner, 0.7), 0.7, 0
     plain.seed(5)
     scaled.seed(5)
-    seen, episodes = plain.reset(), 0
+    seen = plain.reset()
     scaled.reset()
-    for _ in range(120):
+    for _ in range(60):
         weights = plain.observation_spec.decode(seen, "time_weight")
         actions = np.full((16, 2), 0.4, np.float32)
         seen, rewards, ended, _ = plain.step(actions)
         assert scaled.step(actions)[1] == pytest.approx(rewards / (1.0 + weights) ** power, rel=1e-5)
         episodes += ended.sum()
-    assert episodes > 30
+    assert episodes > 16
 
 
 def test_share_of_the_environments_is_nominal():
     run = tiny("linear-robust", nominal=0.25)
     environments = make_environments(run)
     environments.seed(3)
-    spec, task = environments.venv.observation_spec, run.task
-    seen = environments.reset()
+    spec, seen = environments.venv.observation_spec, environments.reset()
     truths = {"tool_mass": 0.125, "coupling.stiffness": 50.0, "coupling.damping_ratio": 1.0, "reaction_delay": 0.016}
     truths |= {"alarm_threshold": 1.0, "force_noise": spec.scale("force_noise").low}  # 0 lies below its scale
-    rigid = ("robot.mass", "robot.stiffness", "robot.damping")
-    truths |= {name: spec.scale(name).high for name in rigid}
-    assert truths.keys() == {*task.drawn, "reaction_delay"}
-    shown = {name: spec.decode(seen, name) for name in truths}
+    truths |= {name: spec.scale(name).high for name in ("robot.mass", "robot.stiffness", "robot.damping")}  # rigid
+    assert truths.keys() == {*run.task.drawn, "reaction_delay"}
     for name, truth in truths.items():
-        assert shown[name][12:] == pytest.approx(truth, rel=1e-5)
-    assert len({*shown["tool_mass"][:12]}) == 12
-    assert {each.rtol for each in environments.get_attr("batch", [0])[0].tasks} == {run.training.rtol} != {task.rtol}
+        assert spec.decode(seen, name)[12:] == pytest.approx(truth, rel=1e-5)
+    assert len({*spec.decode(seen, "tool_mass")[:12]}) == 12
+    tasks = environments.get_attr("batch", [0])[0].tasks
+    assert {each.rtol for each in tasks} == {run.training.rtol} != {run.task.rtol}
 
 
 RECORDED = """[environment]
@@ -93,14 +106,13 @@ mixed = [
 """
 
 
-def test_make_environments_mixes_operators_and_the_critic_sees_their_drawn_numbers(tmp_path):
+def test_environments_mix_operators_that_the_critic_sees(tmp_path):
     """A file of delays lies beside the set-up's file, and the policy keeps the delays."""
     (tmp_path / "mixed.toml").write_text(RECORDED)
     (tmp_path / "delays.csv").write_text("time,delay\n0,0.05\n1,0.15\n")
-    run = tiny(tmp_path / "mixed.toml")
+    run = tiny(tmp_path / "mixed.toml", rollout=8)
     assert run.task.arguments()["uplink"] == {"trace": [[0.0, 0.05], [1.0, 0.15]]}
-    share, other = run.made_for()["mixed"][0]
-    assert (share, other["operator"]["speed"]) == (0.25, [0.1, 0.4])
+    assert run.made_for()["mixed"][0][1]["operator"]["speed"] == [0.1, 0.4]
     model, environments = model_of(run)
     tasks = environments.get_attr("batch", [0])[0].tasks
     kinds = [type(task.operator).__name__ for task in tasks]
@@ -120,7 +132,7 @@ def test_fast_tanh_equals_torchs_and_has_its_gradient():
 
 
 def test_standardised_drawn_numbers_have_mean_0_and_deviation_1():
-    count, task = 4000, tiny("ranged-robust").task.changed({"privileged": True})
+    count, task = 1500, tiny("ranged-robust").task.changed({"privileged": True})
     envs = ImpactVecEnv(count, **task.arguments())
     envs.seed(1)
     centre, spread = standardisation([task])
@@ -140,7 +152,7 @@ def learned():
     return run, model
 
 
-def test_actor_uses_the_controllers_observation_and_the_critic_uses_all(learned):
+def test_critic_uses_more_than_the_actor_and_the_controller(learned):
     _, model = learned
     spec = model.env.venv.observation_spec
     seen = torch.as_tensor(model.env.reset())
@@ -191,7 +203,7 @@ def privileged_observations(weights, steps, **options):
     return np.array(seen), np.array(starts), envs.unwrapped.observation_spec
 
 
-def test_teacher_uses_the_best_parameters_at_the_weight_of_each_episode():
+def test_teacher_uses_the_best_parameters_at_each_weight():
     weights = [0.3, 0.7, 1.0, 2.0, 4.0, 8.0]  # the teacher is tuned for all but the first and the last
     seen, starts, spec = privileged_observations(weights, 15, time_weight=(0.3, 8.0))
     assert starts[1:].sum() == 0
@@ -208,22 +220,20 @@ def test_teacher_uses_the_best_parameters_at_the_weight_of_each_episode():
 
 def test_teacher_reacts_to_a_touch_and_to_no_false_alarm():
     setup = load_setup("linear-robust")
-    seen, starts, spec = privileged_observations([2.0] * 50, 70, time_weight=(0.3, 8.0), **setup.environment)
+    seen, starts, spec = privileged_observations([2.0] * 24, 60, time_weight=(0.3, 8.0), **setup.environment)
     teacher, place = Teacher(setup, "blind-profile"), spec.index("time_since_touch")
-    touched = seen[..., place].copy()
+    touched = seen[..., place] > 0.0
     alarm, since = spec.index("alarm"), spec.index("time_since_alarm")
-    assert (seen[..., alarm][touched == 0.0] > 0.5).mean() > 0.3  # false alarms
-    actions = teacher.actions(seen, starts)
-    for ringing in (0.0, 1.0):  # the alarm that the policy observes makes no difference
-        other = seen.copy()
-        other[..., alarm], other[..., since] = ringing, 0.3 * ringing
-        assert np.array_equal(teacher.actions(other, starts), actions)
-    assert (touched > 0.0).any()
+    assert (seen[..., alarm][~touched] > 0.5).mean() > 0.3  # false alarms
+    actions, other, blind = teacher.actions(seen, starts), seen.copy(), seen.copy()
+    other[..., alarm], other[..., since] = 1.0 - other[..., alarm], 0.3  # the alarm that the policy observes
+    assert np.array_equal(teacher.actions(other, starts), actions)
+    blind[..., place] = 0.0
+    differs = (teacher.actions(blind, starts) != actions).any(axis=-1)
+    assert differs[touched].any()
+    assert not differs[~touched].any()
     unprivileged = Teacher(setup, "blind-profile", privileged=False).actions(seen[..., spec.actor], starts)
     assert not np.array_equal(unprivileged, actions)  # without privileged observations, it reacts to false alarms
-    seen[..., place] = 0.0
-    assert not np.array_equal(teacher.actions(seen, starts)[touched > 0.0], actions[touched > 0.0])
-    assert np.array_equal(teacher.actions(seen, starts)[touched == 0.0], actions[touched == 0.0])
 
 
 def test_every_setting_of_the_updates_reaches_the_model():
@@ -237,8 +247,8 @@ def test_every_setting_of_the_updates_reaches_the_model():
 
 
 def test_imitation_nearly_reaches_its_teacher():
-    run = tiny(teacher="blind-profile", envs=128, rollout=32, batch=512, learning_rate=3e-3, width=32)
-    run = replace(run, training=replace(run.training, steps=80_000, imitation_steps=80_000))
+    run = tiny(teacher="blind-profile", envs=128, rollout=32, batch=512, learning_rate=5e-3, width=32,
+               steps=50_000, imitation_steps=50_000)  # fmt: skip
     model, _ = model_of(run)
     before = policy_from(model, run, {})
     model.learn(run.training.steps, log_interval=None)

@@ -26,14 +26,9 @@ from impact_gym.task import Task
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory):
-    return train(tiny(), tmp_path_factory.mktemp("whole") / "run")
-
-
-@pytest.fixture(scope="module")
-def broken(tmp_path_factory):
+def broken(all_parts, tmp_path_factory):
     """The folder of the same training, killed after its first checkpoint; tests copy it."""
-    return interrupted(tiny(), tmp_path_factory.mktemp("broken") / "run")
+    return interrupted(all_parts, tmp_path_factory.mktemp("broken") / "run")
 
 
 @pytest.fixture
@@ -45,36 +40,40 @@ def read(folder, name):
     return json.loads((folder / name).read_text())
 
 
-def test_train_writes_policies_with_their_provenance(whole):
-    config, metrics, training = read(whole, "config.json"), read(whole, "metrics.json"), tiny().training
-    assert config["command"].startswith("impact-gym train linear-blind --steps 4096")
+def test_train_writes_policies_with_their_provenance(finished, all_parts):
+    config, metrics, training = read(finished, "config.json"), read(finished, "metrics.json"), all_parts.training
+    assert config["command"] == all_parts.command
     assert config["settings"]["rollout"] == 16
     assert {"python", "numpy", "torch", "gymnasium", "stable-baselines3"} <= set(config["versions"])
     assert config["versions"]["impact-gym"] == ig.__version__
     validation = Validation(Task(**config["environment"]), config["weights"], training.validation_scenarios)
     for name in ("best", "final"):
-        policy = load_policy(whole / f"{name}.npz")
+        policy = load_policy(finished / f"{name}.npz")
         assert config.items() <= policy.provenance.items()
         assert policy.provenance["validation"] == metrics["validation"][name] == validation.score(policy)
     best, final = (metrics["validation"][name]["score"] for name in ("best", "final"))
     assert best == min(point["score"] for point in metrics["curve"])
     assert metrics["curve"][-1] == {"steps": training.whole_steps, "score": final}
-    kinds = {file.name.split(".")[0] for file in whole.iterdir()}
+    kinds = {file.name.split(".")[0] for file in finished.iterdir()}
     assert kinds == {"config", "metrics", "progress", "events", "best", "final", "lock"}
 
 
-def test_resume_reaches_the_same_result_and_logs_each_step_once(whole, part):
-    """As text and for TensorBoard. A row before the first end of an episode is empty instead of nan."""
+def test_twice_interrupted_training_reaches_the_same_bits(finished, all_parts, part):
+    """During the imitation and after it. Text and TensorBoard have each step once, and no nan."""
     np.random.seed(7)  # noqa: NPY002 - stable-baselines3 draws from it; in a new process its state differs
     (part / f".best.npz.0{UNFINISHED}").touch()  # an unfinished file of a killed process
-    train_one(str(part), tiny().made_for())
-    assert_identical(left(whole), left(part))
+    interrupted(all_parts, part, after=3000)
+    np.random.seed(8)  # noqa: NPY002
+    train_one(str(part), all_parts.made_for())
+    assert_identical(left(finished), left(part))
     assert not (part / f".best.npz.0{UNFINISHED}").exists()
     log, events = rows(part), EventAccumulator(str(part))
     events.Reload()
     steps = [int(float(row["time/total_timesteps"])) for row in log]
     assert steps == sorted(set(steps))
-    assert steps[-1] == tiny().training.whole_steps
+    assert steps[-1] == all_parts.training.whole_steps
+    imitated = [step for step, row in zip(steps, log, strict=True) if row["train/imitation_loss"]]
+    assert (min(imitated), max(imitated)) == (steps[0], 2048)
     objectives = [f"objectives/{name}" for name in OBJECTIVES]
     for name in (*objectives, "validation/score", "validation/approach_time at weight 2"):
         written = [(step, float(row[name])) for step, row in zip(steps, log, strict=True) if row[name]]
@@ -84,22 +83,13 @@ def test_resume_reaches_the_same_result_and_logs_each_step_once(whole, part):
         assert drawn == pytest.approx(np.array(written), rel=1e-6)
 
 
-@pytest.mark.parametrize("imitation_steps", [512, 2048])
-def test_resume_reaches_the_same_result_during_and_after_imitation(tmp_path, imitation_steps):
-    path = tmp_path / "all.toml"
-    path.write_text("[environment]\ntool_mass = [0.1, 0.2]\n[evaluation.nominal]\ntool_mass = 0.125\n")
-    run = tiny(path, nominal=0.5, teacher="blind-profile", imitation_steps=imitation_steps, steps=2048)
-    part = resume(interrupted(run, tmp_path / "part"))
-    assert_identical(left(train(run, tmp_path / "whole")), left(part))
-
-
-def test_train_and_resume_do_not_change_a_finished_run(whole):
-    before = {file.name: file.read_bytes() for file in whole.iterdir()}
-    assert resume(whole) == whole
-    for training, out in ((tiny(), whole), (tiny(teacher="nope"), whole / "nothing")):
+def test_train_and_resume_do_not_change_a_finished_run(finished, all_parts):
+    before = {file.name: file.read_bytes() for file in finished.iterdir()}
+    assert resume(finished) == finished
+    for training, out in ((all_parts, finished), (tiny(teacher="nope"), finished / "nothing")):
         with pytest.raises((FileExistsError, ValueError), match=r"exists|nope"):
             train(training, out)
-    assert {file.name: file.read_bytes() for file in whole.iterdir()} == before
+    assert {file.name: file.read_bytes() for file in finished.iterdir()} == before
 
 
 @pytest.mark.parametrize(("setting", "before", "now"), [("width", 16, 24), ("envs", 16, 8)])
@@ -110,7 +100,7 @@ def test_resume_refuses_the_checkpoint_of_another_training(part, setting, before
     refused(lambda: resume(part), "does not fit this training", f"{setting} is {before} in the checkpoint, got {now}")
 
 
-def test_resume_refuses_a_folder_without_a_run_or_with_a_running_one(part, tmp_path):
+def test_resume_refuses_a_folder_without_or_with_a_running_run(part, tmp_path):
     with (part / "lock").open() as lock:  # a second open file excludes even the same process
         fcntl.flock(lock, fcntl.LOCK_EX)
         refused(lambda: resume(part), "another process")
@@ -124,7 +114,7 @@ def trained(folder, setup, *words):
     return run(read_options([str(setup), *words, *where]))
 
 
-def test_train_seeds_trains_each_seed_once_and_refuses_a_changed_set_up(mine, tmp_path):
+def test_train_seeds_trains_each_once_for_one_set_up(mine, tmp_path):
     wanted = ("--seeds", "2", "--steps", "512")
     path = trained(tmp_path, mine, *wanted)
     policies = [load_policy(path, seed) for seed in (0, 1)]
@@ -141,20 +131,11 @@ def test_train_seeds_trains_each_seed_once_and_refuses_a_changed_set_up(mine, tm
     refused(lambda: resume(tmp_path / "runs" / "seed-0"), "has changed since")
 
 
-@pytest.fixture
-def unreachable(tmp_path):
-    """A training of 16 rollouts whose arm reaches an object only at full speed, as no untrained policy moves.
-
-    A validation follows every second rollout.
-    """
+def test_train_stops_with_the_reason_if_it_touches_no_object(tmp_path):
+    """The arm reaches an object only at full speed, as no untrained policy moves. An interruption changes nothing."""
     path = tmp_path / "slow.toml"
     path.write_text("[environment]\nvelocity_range = [-0.2, 0.2]\nscenario = { distance = [0.236, 0.237] }\n")
-    return tiny(path, validate_every=512, checkpoint_every=256)
-
-
-def test_train_stops_with_the_reason_if_it_touches_no_object(unreachable, tmp_path):
-    """At the same step if the training was interrupted."""
-    interrupted(unreachable, tmp_path / "run", after=1024)
+    interrupted(tiny(path, validate_every=512, checkpoint_every=256), tmp_path / "run", after=1024)
     reason = r"after 1,536 of 4,096 steps: at least \d+% of the objects missed.*learning_rate below.*log_std below"
     for _ in range(2):
         with pytest.raises(CollapsedError, match=f"{reason}.*impact-gym check .*slow.toml"):
@@ -162,16 +143,11 @@ def test_train_stops_with_the_reason_if_it_touches_no_object(unreachable, tmp_pa
     assert not (tmp_path / "run" / "metrics.json").exists()
 
 
-def test_train_seeds_ships_nothing_of_a_collapsed_seed(unreachable, tmp_path):
-    names = ("steps", "envs", "rollout", "batch", "width", "validate_every", "validation_scenarios")
-    settings = (f"--{name.replace('_', '-')} {getattr(unreachable.training, name)}" for name in names)
-    with pytest.raises(JobsFailedError, match=r"1 of 1 jobs failed(.|\n)*CollapsedError(.|\n)*objects missed"):
-        trained(tmp_path, unreachable.setup.path, "--seeds", "1", *" ".join(settings).split())
-    assert not (tmp_path / "policies").exists()
-
-
-@pytest.mark.parametrize("steps", [4096, 256])
-def test_train_ends_if_weights_are_not_finite(tmp_path, steps):
+def test_train_ends_if_weights_are_not_finite_and_ships_nothing(tmp_path):
     with pytest.raises(CollapsedError, match=r"no longer finite.*learning_rate below 1e\+30"):
-        train(tiny(learning_rate=1e30, steps=steps), tmp_path / "run")
+        train(tiny(learning_rate=1e30), tmp_path / "run")
     assert not (tmp_path / "run" / "final.npz").exists()
+    short = "--seeds 1 --learning-rate 1e30 --steps 256 --envs 16 --rollout 16 --batch 64 --validation-scenarios 5"
+    with pytest.raises(JobsFailedError, match=r"1 of 1 jobs failed(.|\n)*CollapsedError(.|\n)*no longer finite"):
+        trained(tmp_path, "linear-blind", *short.split())
+    assert not (tmp_path / "policies").exists()

@@ -10,12 +10,13 @@ from agents import load_policy, load_setup
 from agents.policies.networks import to_arrays
 from agents.setups import Training
 from agents.train.callback import TrainingCallback
-from agents.train.ppo import Run, train
+from agents.train.ppo import Run, resume, train
 
 TINY = Training(
     steps=4096, envs=16, rollout=16, batch=64, width=16, simulation_threads=1,
     validate_every=1536, validation_scenarios=20, checkpoint_every=1024, imitation_steps=4096, rtol=1e-4,
 )  # fmt: skip
+ALL_PARTS = "[environment]\ntool_mass = [0.1, 0.2]\n[evaluation.nominal]\ntool_mass = 0.125\n"
 
 
 def tiny(setup="linear-blind", seed=0, **changes):
@@ -24,7 +25,7 @@ def tiny(setup="linear-blind", seed=0, **changes):
 
 
 def interrupted(run, out, after=0):
-    """Train until the first validation that follows a checkpoint and some steps, and return the folder."""
+    """Begin or resume a training; interrupt it in the first validation that follows a checkpoint and some steps."""
     validate = TrainingCallback.validate
 
     def interrupt(callback):
@@ -36,7 +37,7 @@ def interrupted(run, out, after=0):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(TrainingCallback, "validate", interrupt)
         with pytest.raises(KeyboardInterrupt):
-            train(run, out)
+            resume(out) if out.exists() else train(run, out)
     assert not (out / "metrics.json").exists()
     return out
 
