@@ -10,7 +10,7 @@ from agents.setups.keys import known, table, within
 from impact_gym.scene import SpringDamper
 from impact_gym.task import ScenarioRanges, Task, evaluation_sets
 from impact_gym.task.task import ARGUMENTS
-from impact_gym.validation import distinct, interval, number, numbers, whole
+from impact_gym.validation import distinct, interval, number, numbers, shown, whole
 
 WEIGHTS = (0.7, 1.0, 2.0, 4.0)  # m/s per s, default time weights
 RESERVED = ("time_weight", "privileged", "max_episode_steps")
@@ -131,7 +131,7 @@ def variants(evaluation: Evaluation, environment: Mapping[str, Any]) -> list[Cha
 
 def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool = False) -> Iterator[Change]:
     """Yield the changes of one argument. Without `strict`, invalid values are left out, but not unknown sets."""
-    where = f"evaluation.varied.{name}"
+    where = f"evaluation.varied.{shown(name)[1:-1]}"
     multiples = isinstance(values, Mapping)
     if multiples:
         known(f"{where}.", values, ("times",))
@@ -173,4 +173,4 @@ def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool
 def _label(value: Any) -> str:
     if isinstance(value, Mapping):
         return ", ".join(f"{name} {_label(part)}" for name, part in value.items() if name != "type")
-    return f"{value:g}" if isinstance(value, (int, float)) else str(value)
+    return f"{value:g}" if isinstance(value, float) or (isinstance(value, int) and abs(value) < 1e300) else str(value)
