@@ -52,8 +52,8 @@ def places(tree, path=()):
         yield from places(value, (*path, key))
 
 
-def spoiled(tree, path, value, how="replace", new=""):
-    """An input with one place replaced or removed, or a key `new` beside it; the keys of which a refusal names one."""
+def spoiled(tree, path, how, value, new):
+    """An input with one place replaced or removed, or a key beside it; and keys of which a refusal names one."""
     tree = deepcopy(tree)
     *outer, last = path
     node = tree
@@ -63,9 +63,8 @@ def spoiled(tree, path, value, how="replace", new=""):
         del node[last]
     else:
         last = new if how == "add" else last
-        node[last] = value() if callable(value) and getattr(value, "__name__", "") == "<lambda>" else deepcopy(value)
-    beside = list(node) if isinstance(node, dict) else []
-    return tree, [str(key) for key in (*outer, last, *beside) if isinstance(key, str)]
+        node[last] = value() if getattr(value, "__name__", "") == "<lambda>" else deepcopy(value)
+    return tree, [str(key) for key in (*outer, last, *(node if isinstance(node, dict) else [])) if isinstance(key, str)]
 
 
 ACTION = [0.4, -0.2]
@@ -141,9 +140,8 @@ BORDERS = {
     "scenarios": (OWN_SCENARIOS, PLAIN, lambda tree, folder: scenarios_from(str(written(tree, folder, ".json")), None)),
     "policy": (CONTENT, PLAIN, lambda tree, folder: load_policy(written(tree, folder, ".npz")).predict(np.zeros(8))[0]),
     "observation": ({"observation": [0.0] * 8}, ANY, lambda tree, _: POLICY.predict(tree.get("observation"))[0]),
-    "set-up's name": ({"set-up": "linear-blind"}, ANY, lambda tree, _: load_setup(tree.get("set-up"))),
-    "policy's name": ({"policy": "linear-blind"}, ANY, lambda tree, _: load_policy(tree.get("policy"))),
-    "set's name": ({"evaluation set": "test"}, ANY, lambda tree, _: evaluation_sets.load(tree.get("evaluation set"))),
+    **{f"{kind}'s name": ({kind: "test"}, ANY, lambda tree, _, load=load, kind=kind: load(tree.get(kind)))
+       for kind, load in {"set-up": load_setup, "policy": load_policy, "set": evaluation_sets.load}.items()},
 }  # fmt: skip
 ALSO_NAMED = {
     "policy": [".npz is no policy of this version"], "set-up": ["evaluation.weights"],
@@ -156,11 +154,8 @@ def spoiled_inputs(good, hostile, chance):
     """Each place with some hostile values, removed, and with a hostile key beside it."""
     paths = [*places(good)]
     for path in chance.sample(paths, min(MOST_PLACES, len(paths))):
-        for value in chance.sample(hostile, min(TRIES, len(hostile))):
-            yield spoiled(good, path, value)
-        if isinstance(path[-1], str):
-            yield spoiled(good, path, None, "remove")
-            yield spoiled(good, path, chance.choice(hostile), "add", chance.choice(KEYS))
+        for how in ["replace"] * TRIES + ["remove", "add"] * isinstance(path[-1], str):
+            yield spoiled(good, path, how, chance.choice(hostile), chance.choice(KEYS))
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")  # an unlikely unit, or objects out of reach

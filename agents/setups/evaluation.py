@@ -77,7 +77,7 @@ class Evaluation:
             given[name] = tuple(sorted(numbers(f"evaluation.{name}", content[name], "m/s per s", above=0)))
             distinct(f"evaluation.{name}", given[name])
             if not given[name]:
-                raise ValueError(f"evaluation.{name} must hold weights, got {content[name]!r}")
+                raise ValueError(f"evaluation.{name} must hold weights, got {shown(content[name])}")
         if "typical" in content:
             given["typical"] = number("evaluation.typical", content["typical"], "m/s per s", above=0)
         count = evaluation_sets.load(given.get("set", cls.set)).count
@@ -137,7 +137,9 @@ def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool
         known(f"{where}.", values, ("times",))
     listed = values.get("times") if multiples else values
     if not isinstance(listed, list) or not listed:
-        raise ValueError(f"{where} must be a list of one or more values or a table {{ times = [...] }}, got {values!r}")
+        raise ValueError(
+            f"{where} must be a list of one or more values or a table {{ times = [...] }}, got {shown(values)}"
+        )
     distinct(where, list(map(_label, listed)))
     if name == "scenario":
         for scenarios in listed:

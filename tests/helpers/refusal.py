@@ -100,21 +100,23 @@ def check_number(take, field, allowed, of_file=False, wrong=NO_NUMBERS):
         error = refused(partial(take, value), field, *allowed.said(value), unit * (not whole), f"got {got!r}")
         assert names.search(str(error)), error
     if wrong:
-        refused(partial(take, math.nan if whole else 10**400), field)
+        huge = refused(partial(take, math.nan if whole else 10**400), field)
+        assert whole or "finite" in str(huge) or " hold " in str(huge)
     for value in possible([*wrong[allowed.none :], *[1.5] * whole]):
         error = refused(partial(take, value), field, unit, "number", shown(value))
         assert names.search(str(error)), error
         assert isinstance(error, TypeError) or of_file or "must be one" in str(error)
 
 
-def filled(value, things):
-    """Plain data with things in place of their names, "@name"."""
+def filled(value, examples, read):
+    """Plain data with examples in place of their names, "@name", and what `read` makes of texts "=..."."""
     if isinstance(value, dict):
-        return {name: filled(inner, things) for name, inner in value.items()}
+        return {name: filled(inner, examples, read) for name, inner in value.items()}
     if isinstance(value, list):
-        return [filled(inner, things) for inner in value]
-    known = isinstance(value, str) and value.startswith("@") and value[1:] in things
-    return filled(things[value[1:]], things) if known else value
+        return [filled(inner, examples, read) for inner in value]
+    if isinstance(value, str) and value[:1] == "@" and value[1:] in examples:
+        return filled(examples[value[1:]], examples, read)
+    return read(value[1:]) if isinstance(value, str) and value[:1] == "=" else value
 
 
 def changed(tree, changes):

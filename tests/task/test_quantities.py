@@ -81,7 +81,8 @@ def test_number_is_taken_up_to_its_limits_and_not_beyond(row):
     allowed = Allowed(row.unit, *row.limits)
     low, high = [value for value in (1e-3, 2e-3, 0.5, 1.0, 1.5) if value in allowed][:2]
     check_number(row.check, row.id, allowed)
-    assert [row.check(end) for end in allowed.ends] == allowed.ends
+    for end in allowed.ends:
+        assert (row.check(end), row.interval([end, end])) == (end, (end, end))
     for name, take, take_pair in inputs(row):
         check_number(take, name, allowed, wrong=("1", np.True_))
         if take_pair:
@@ -117,6 +118,9 @@ def test_path_is_read_changed_swept_and_identified(path):
     changed = nested.replaced(records, {path: value})
     assert nested.flatten(changed) == before | {path: BY_PATH[path].check(value)}
     assert nested.get(records, path) == before[path]
+    holder, _, field = path.rpartition(".")
+    if nested.get(records, holder).__dataclass_fields__[field].default is not None:
+        refused(lambda: nested.replaced(records, {path: None}), f"{field} must be a number")
     motion, scene = records["motion"], {name: each for name, each in records.items() if name != "motion"}
     swept = ig.sweep(ig.Scene(**scene), motion, {path: [value]}, duration=1.0)
     outcome = ig.simulate(ig.Scene(**{name: changed[name] for name in scene}), changed["motion"], duration=1.0)
