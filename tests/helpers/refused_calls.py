@@ -222,6 +222,6 @@ CALLS = {
     "all_joints.simulate": lambda **given: all_joints.simulate(
         **{"arm": usual_arm(), "approach": usual_line()} | given),
     "angles_at": lambda **place: angles_at(six(), **place), "jacobian": lambda angles: six().jacobian(angles),
-    "Approach": partial(replace, APPROACH), "Approach.robot_table": APPROACH.robot_table,
+    "Approach": partial(replace, APPROACH),
 }  # fmt: skip
 """The function that each table calls, by the table's name. If there are several, all refuse the same input."""
