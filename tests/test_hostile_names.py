@@ -118,7 +118,7 @@ def test_load_policy_refuses_an_array_larger_than_its_file(content, how, message
 
 
 @pytest.mark.parametrize("part", ["mean.weight", "hidden_0.bias", "log_std.bias"])
-def test_load_policy_refuses_weights_of_a_wrong_type_or_not_finite(part, tmp_path):
+def test_load_policy_refuses_wrong_or_infinite_weights(part, tmp_path):
     content, arrays = Ensemble([made_up_policy(sizes=(4,))], 0).packed()
     weights = arrays[f"0/{part}"]
     wrong = [(np.where(weights == weights.flat[-1], np.float32(each), weights), "finite") for each in (np.nan, np.inf)]
