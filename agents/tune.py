@@ -73,7 +73,7 @@ class Tune:
 
     def __post_init__(self) -> None:
         for name, least in (("processes", 0), ("population", 4), ("seed", 0), ("scenarios", 1), ("budget", 1)):
-            if getattr(self, name) is not None:
+            if getattr(self, name) is not None or name not in ("scenarios", "budget"):
                 whole(name, getattr(self, name), at_least=least)
         for weight in self.weights:
             number("weights", weight, "m/s per s", above=0)

@@ -10,7 +10,7 @@ from agents.setups.keys import known, table, within
 from impact_gym.scene import SpringDamper
 from impact_gym.task import ScenarioRanges, Task, evaluation_sets
 from impact_gym.task.task import ARGUMENTS
-from impact_gym.validation import distinct, interval, number, numbers, whole
+from impact_gym.validation import distinct, interval, number, numbers, shown, whole
 
 WEIGHTS = (0.7, 1.0, 2.0, 4.0)  # m/s per s, default time weights
 RESERVED = ("time_weight", "privileged", "max_episode_steps")
@@ -77,7 +77,7 @@ class Evaluation:
             given[name] = tuple(sorted(numbers(f"evaluation.{name}", content[name], "m/s per s", above=0)))
             distinct(f"evaluation.{name}", given[name])
             if not given[name]:
-                raise ValueError(f"evaluation.{name} must hold weights, got {content[name]!r}")
+                raise ValueError(f"evaluation.{name} must hold weights, got {shown(content[name])}")
         if "typical" in content:
             given["typical"] = number("evaluation.typical", content["typical"], "m/s per s", above=0)
         count = evaluation_sets.load(given.get("set", cls.set)).count
@@ -131,13 +131,15 @@ def variants(evaluation: Evaluation, environment: Mapping[str, Any]) -> list[Cha
 
 def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool = False) -> Iterator[Change]:
     """Yield the changes of one argument. Without `strict`, invalid values are left out, but not unknown sets."""
-    where = f"evaluation.varied.{name}"
+    where = f"evaluation.varied.{shown(name)[1:-1]}"
     multiples = isinstance(values, Mapping)
     if multiples:
         known(f"{where}.", values, ("times",))
     listed = values.get("times") if multiples else values
     if not isinstance(listed, list) or not listed:
-        raise ValueError(f"{where} must be a list of one or more values or a table {{ times = [...] }}, got {values!r}")
+        raise ValueError(
+            f"{where} must be a list of one or more values or a table {{ times = [...] }}, got {shown(values)}"
+        )
     distinct(where, list(map(_label, listed)))
     if name == "scenario":
         for scenarios in listed:
@@ -173,4 +175,4 @@ def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool
 def _label(value: Any) -> str:
     if isinstance(value, Mapping):
         return ", ".join(f"{name} {_label(part)}" for name, part in value.items() if name != "type")
-    return f"{value:g}" if isinstance(value, (int, float)) else str(value)
+    return f"{value:g}" if isinstance(value, float) or (isinstance(value, int) and abs(value) < 1e300) else str(value)

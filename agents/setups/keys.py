@@ -37,7 +37,7 @@ def table(content: Mapping[str, Any], name: str, prefix: str = "") -> dict[str, 
     """Return a table of a file; empty if the file does not have this table."""
     value = content.get(name, {})
     if not isinstance(value, dict):
-        raise ValueError(f"{prefix}{name} must be a table, [{prefix}{name}], got {value!r}")
+        raise ValueError(f"{prefix}{name} must be a table, [{prefix}{name}], got {shown(value)}")
     return value
 
 

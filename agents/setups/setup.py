@@ -17,7 +17,7 @@ from agents.setups.training import Training
 from impact_gym.files import named_file, parsed
 from impact_gym.task import QUANTITIES, ObservationSpec, Task
 from impact_gym.teleop.channels import WAYS, columns_of
-from impact_gym.validation import distinct, flag, identifier, number, one_of, whole
+from impact_gym.validation import distinct, flag, identifier, number, one_of, shown, whole
 
 SHIPPED = Path(__file__).resolve().parent
 TUNED = SHIPPED.parent / "tuned"
@@ -161,7 +161,9 @@ def _read(path: Path, extended: tuple[Path, ...] = ()) -> dict[str, Any]:
 def _setup(path: Path, content: dict[str, Any]) -> Setup:
     version = content.get("version", VERSION)
     if version != VERSION:
-        raise ValueError(f"version must be {VERSION}, got {version!r}: the file is for another version of impact-gym")
+        raise ValueError(
+            f"version must be {VERSION}, got {shown(version)}: the file is for another version of impact-gym"
+        )
     known("", content, ("version", "title", "about", "fails", "extends", *TABLES))
     environment, training, baselines, evaluation = (table(content, name) for name in TABLES)
     known("environment.", environment, SET_UP_ARGUMENTS)
@@ -175,7 +177,7 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
         tuned[identifier("baselines.tuned: each", name)] = _tuned(f"baselines.tuned.{name}", given, task)
     against = baselines.get("against", list(tuned))
     if not isinstance(against, list) or not all(isinstance(name, str) for name in against):
-        raise ValueError(f"baselines.against must be a list of names, got {against!r}")
+        raise ValueError(f"baselines.against must be a list of names, got {shown(against)}")
     distinct("baselines.against", against)
     title = text(content, "title", path.stem)
     mixed = _mixed(training.pop("mixed", []), task)
@@ -239,7 +241,9 @@ def _refuse_unknown(setup: Setup, given: Mapping[str, Any]) -> None:
 def _tuned(name: str, given: Any, task: Task) -> Tuned:
     entry = {"rule": given} if isinstance(given, str) else given
     if not isinstance(entry, dict) or entry.get("rule") not in RULES:
-        raise ValueError(f"{name} must be a rule ({', '.join(RULES)}) or a table whose key rule is one, got {given!r}")
+        raise ValueError(
+            f"{name} must be a rule ({', '.join(RULES)}) or a table whose key rule is one, got {shown(given)}"
+        )
     known(f"{name}.", entry, Tuned._fields)
     rtol = QUANTITIES["rtol"].check(entry.get("rtol", Task.rtol), f"{name}.rtol")
     flag(f"{name}.clean_alarm", clean_alarm := entry.get("clean_alarm", False))

@@ -7,7 +7,7 @@ from typing import Any, Literal, Self, get_args
 
 from agents.setups.keys import known
 from impact_gym.quantities import QUANTITIES
-from impact_gym.validation import Range, choice, fits_memory, flag, number, whole
+from impact_gym.validation import Range, choice, fits_memory, flag, number, shown, whole
 
 Activation = Literal["tanh", "relu"]
 SLOTS = 100_000
@@ -100,7 +100,7 @@ class Training:
         flag("informed_critic", self.informed_critic)
         choice("activation", self.activation, get_args(Activation))
         if not isinstance(self.teacher, str):
-            raise ValueError(f"teacher must be the name of a baseline, got {self.teacher!r}")
+            raise ValueError(f"teacher must be the name of a baseline, got {shown(self.teacher)}")
         if self.teacher and self.steps < self.imitation_steps:
             raise ValueError(f"steps must be at least imitation_steps, {self.imitation_steps} (no unit), "
                              f"got {self.steps} (no unit)")  # fmt: skip

@@ -26,7 +26,7 @@ from impact_gym.files import parsed
 from impact_gym.robot import urdf
 from impact_gym.robot.approach import IMPACT, Approach, Array, default_approach
 from impact_gym.robot.arm import Arm, joint_angles
-from impact_gym.validation import choice, number, numbers, one_of, whole
+from impact_gym.validation import choice, number, numbers, one_of, unit_text, whole
 
 __all__ = ["IMPACT", "Approach", "Arm", "default_approach", "from_urdf", "joint_angles"]
 
@@ -87,11 +87,12 @@ def _per_joint(name: str, given: Any, count: int, rng: np.random.Generator, unit
         return np.full(count, number(name, given, unit, **limits))
     each = [given] * count if len(given) == 2 != count else given
     if len(each) != count:
-        allowed = f"one number or pair, or {count} numbers or pairs (one per joint), in {unit}"
+        allowed = f"one number or pair, or {count} numbers or pairs (one per joint) {unit_text(unit, 'in ')}"
         raise ValueError(f"{name} must be {allowed}, got {given!r}")
     if not all(hasattr(pair, "__len__") and len(pair) == 2 for pair in each):
         return np.array(numbers(name, each, unit, **limits))
     low, high = (numbers(name, ends, unit, **limits) for ends in zip(*each, strict=True))
     if not all(0.0 < a <= b for a, b in zip(low, high, strict=True)):
-        raise ValueError(f"{name} must have pairs (low, high) with 0 < low <= high, in {unit}, got {given!r}")
+        allowed = f"pairs (low, high) with 0 < low <= high {unit_text(unit, 'in ')}"
+        raise ValueError(f"{name} must have {allowed}, got {given!r}")
     return np.asarray(np.exp(rng.uniform(np.log(low), np.log(high))))

@@ -1,9 +1,21 @@
-import re
-from copy import deepcopy
+"""Refusals: one line that names the field, the value, the unit and what is allowed."""
 
+import math
+import re
+import warnings
+from copy import deepcopy
+from decimal import Decimal
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
 import pytest
 
 import impact_gym as ig
+from impact_gym.validation import shown
+
+NO_NUMBERS = None, True, "1", {}, b"1", 1j, object(), np.True_, np.complex128(1.0), Decimal("sNaN")
+INTERVAL = re.compile(r"(.+) ([\[(])(\S+), (\S+)[\])]( or None)?")
 
 
 def refused(call, field, *says):
@@ -16,24 +28,107 @@ def refused(call, field, *says):
     return raised.value
 
 
-def filled(value, things):
-    """Plain data with things in place of their names, "@name"."""
+class Allowed(NamedTuple):
+    """The numbers that a place takes: `unit` is "whole" for whole numbers, "-" for no unit."""
+
+    unit: str
+    above: float = -math.inf
+    at_least: float = -math.inf
+    at_most: float = math.inf
+    none: bool = False
+
+    @classmethod
+    def of(cls, text):
+        """From the notation of intervals, such as "m (0, 4]", "whole [1, inf) or None"."""
+        unit, bracket, low, high, none = INTERVAL.fullmatch(text).groups()
+        above, at_least = (-math.inf, float(low)) if bracket == "[" else (float(low), -math.inf)
+        return cls(unit, above, at_least, float(high), bool(none))
+
+    def __contains__(self, value):
+        return self.above < value <= self.at_most and value >= self.at_least
+
+    @property
+    def ends(self):
+        """The smallest and the largest number that is allowed, if there is one; in several types."""
+        if self.unit == "whole":
+            ends = [int(end) for end in (self.at_least, self.at_most) if math.isfinite(end)]
+            return [*ends, np.int64(ends[0])]
+        ends = [np.nextafter(self.above, math.inf).item(), self.at_least, self.at_most]
+        return [end for end in ends if end in self and abs(end) < 1e300]
+
+    @property
+    def beyond(self):
+        """The nearest numbers that are not allowed, and others."""
+        if self.unit == "whole":
+            return [int(self.at_least) - 1, -(10**30), *([int(self.at_most) + 1] if self.at_most < math.inf else [])]
+        near = self.above, np.nextafter(self.at_least, -math.inf).item(), np.nextafter(self.at_most, math.inf).item()
+        numbers = [*near, math.nan, math.inf, -math.inf, np.float32("nan"), -1e300, 1e300]
+        return [value for value in numbers if not (value in self and math.isfinite(value))]
+
+    @property
+    def limits(self):
+        """The limits in words."""
+        limits = {"above": self.above, "at least": self.at_least, "at most": self.at_most}
+        return [f"{word} {limit:g}" for word, limit in limits.items() if math.isfinite(limit)]
+
+    def said(self, value):
+        """What a message says of the limits if `value` is beyond them."""
+        other = "at most" if value < self.at_least else "at least"
+        return [words for words in self.limits if self.unit != "whole" or other not in words]
+
+
+def check_number(take, field, allowed, of_file=False, wrong=NO_NUMBERS):
+    """`take` accepts both ends of what is allowed; it refuses the nearest beyond, what is not finite, and `wrong`.
+
+    An end may be refused for another reason, such as a relation of two fields. With `of_file`, `take` writes a file.
+    """
+    whole, unit = allowed.unit == "whole", {"-": "(no unit)", "whole": "whole number"}.get(allowed.unit, allowed.unit)
+    names = re.compile(rf"{re.escape(field)}(\[\d+\])* must (be|hold) ")
+
+    def possible(values):
+        return [value for value in values if type(value) in (bool, int, float, str, dict)] if of_file else values
+
+    for value in possible([*allowed.ends, *[None] * allowed.none]):
+        with warnings.catch_warnings(action="ignore", category=UserWarning):
+            try:
+                take(value)
+            except ValueError as error:
+                if not [word for word in allowed.limits if word not in str(error)]:
+                    raise
+    for value in possible(allowed.beyond):
+        got = value if whole and value < allowed.at_least else float(value)
+        error = refused(partial(take, value), field, *allowed.said(value), unit * (not whole), f"got {got!r}")
+        assert names.search(str(error)), error
+    if wrong:
+        huge = refused(partial(take, math.nan if whole else 10**400), field)
+        assert whole or "finite" in str(huge) or " hold " in str(huge)
+    for value in possible([*wrong[allowed.none :], *[1.5] * whole]):
+        error = refused(partial(take, value), field, unit, "number", shown(value))
+        assert names.search(str(error)), error
+        assert isinstance(error, TypeError) or of_file or "must be one" in str(error)
+
+
+def filled(value, examples, read):
+    """Plain data with examples in place of their names, "@name", and what `read` makes of texts "=..."."""
     if isinstance(value, dict):
-        return {name: filled(inner, things) for name, inner in value.items()}
+        return {name: filled(inner, examples, read) for name, inner in value.items()}
     if isinstance(value, list):
-        return [filled(inner, things) for inner in value]
-    known = isinstance(value, str) and value.startswith("@") and value[1:] in things
-    return filled(things[value[1:]], things) if known else value
+        return [filled(inner, examples, read) for inner in value]
+    if isinstance(value, str) and value[:1] == "@" and value[1:] in examples:
+        return filled(examples[value[1:]], examples, read)
+    return read(value[1:]) if isinstance(value, str) and value[:1] == "=" else value
 
 
 def changed(tree, changes):
+    """A copy with other values at some dotted paths."""
     tree = deepcopy(tree)
     for path, value in changes.items():
         *outer, last = path.split(".")
         node = tree
         for key in outer:
             node = node[int(key)] if isinstance(node, list) else node.setdefault(key, {})
-        if value == "@gone":
+        last = int(last) if isinstance(node, list) else last
+        if isinstance(value, str) and value == "@gone":
             del node[last]
         else:
             node[last] = value
