@@ -14,22 +14,18 @@ Q2, Q7 = np.array([0.3, 0.9]), np.array([0.2, 0.6, -0.3, 1.1, 0.4, 0.8, -0.2])
 COLUMNS = ("held", "effective", "composite", "stiffness", "effective_stiffness", "damping", "joint_angles")
 
 
-def seven(folder, base="link 0", names=tuple("abcdefg"), turn="0 0 0", **options):
+def seven(folder, names=tuple("abcdefg"), **options):
     springs = {"joint_stiffness": 1e4, "joint_damping": 1.0}
-    return elastic(seven_joints(folder, names, turn), base, "tip", **springs | options)
+    return elastic(seven_joints(folder, names), "link 0", **springs | options)
 
 
-@pytest.mark.parametrize("count", [2, 7])
-def test_names_and_rotation_of_the_base_have_no_effect(count, tmp_path):
-    names, turn = tuple(f"{word} {k}" for k, word in enumerate(("zulu", "alpha") * 4))[:count], (0.4, -0.9, 2.1)
+@pytest.mark.parametrize(("make", "base", "count"), [(rods, "base", 2), (seven_joints, "link 0", 7)])
+def test_names_and_rotation_of_the_base_have_no_effect(make, base, count, tmp_path):
+    names, turn, there = tuple("zyxwvut"[:count]), (0.4, -0.9, 2.1), (-1.0, 0.2, 0.0)
     springs = {"joint_stiffness": tuple(np.linspace(9e3, 4e3, count)), "joint_damping": tuple(range(count))}
-    turned, there = {"names": names, "turn": " ".join(map(str, turn))}, (-1.0, 0.2, 0.0)
-    if count == 2:
-        plain, other = elastic(rods(tmp_path), **springs), elastic(rods(tmp_path, **turned), "world", **springs)
-    else:
-        plain, other = seven(tmp_path, **springs), seven(tmp_path, "world", **turned, **springs)
-    ours = plain.along(Q7[:count], there, 0.15)
-    theirs = other.along(Q7[:count], Rotation.from_euler("xyz", turn).apply(there), 0.15)
+    ours = elastic(make(tmp_path), base, **springs).along(Q7[:count], there, 0.15)
+    turned = elastic(make(tmp_path, names=names, turn=" ".join(map(str, turn))), "world", **springs)
+    theirs = turned.along(Q7[:count], Rotation.from_euler("xyz", turn).apply(there), 0.15)
     assert theirs.joints == names
     for name in COLUMNS:
         np.testing.assert_allclose(getattr(theirs, name), getattr(ours, name), rtol=1e-9)
@@ -163,8 +159,8 @@ def test_mass_matrix_is_the_sum_over_all_moving_links(old, new, mass, moment, wa
 
 def test_balanced_inertia_is_the_mean_of_impossible_moments(tmp_path):
     """Only the upper rod breaks the triangle rule; the other keeps its moments."""
-    balanced = elastic(edited(tmp_path, 'ixx="0.0001"', 'ixx="0.2"'), inertia="balanced").mass_matrix(Q2)
-    plain = elastic(rods(tmp_path), inertia="balanced").mass_matrix(Q2)
+    paths = rods(tmp_path).rename(tmp_path / "plain.urdf"), edited(tmp_path, 'ixx="0.0001"', 'ixx="0.2"')
+    plain, balanced = (elastic(path, inertia="balanced").mass_matrix(Q2) for path in paths)
     changed = np.array([[(0.2 + 0.0625 + 0.0626) / 3 - 0.0626, 0.0], [0.0, 0.0]])
     np.testing.assert_allclose(balanced, plain + changed, rtol=1e-12)
 
