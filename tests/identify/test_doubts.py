@@ -129,10 +129,8 @@ def test_doubts_need_enough_samples_noise_and_a_known_bias():
     assert "dead band" in doubts(white() * BEHIND)
     assert "dead band" not in doubts(put(white() * BEHIND, 3, 0.01))
     for flat in (2, 3):  # samples at the extreme
-        top, rest = (
-            put(NOISE, np.s_[40 : 40 + flat], 9.0),
-            put(white(), np.s_[40 : 40 + flat], [-0.4, -0.5, -0.4][:flat]),
-        )
+        there = np.s_[40 : 40 + flat]
+        top, rest = put(NOISE, there, 9.0), put(white(), there, [-0.4, -0.5, -0.4][:flat])
         assert ("saturated" in doubts(rest, values=top)) == (flat == 3)
 
 

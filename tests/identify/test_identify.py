@@ -86,7 +86,7 @@ def test_sensor_responds_to_a_step_and_a_ramp_by_its_equations(damping_ratio, lo
 
 
 def test_identify_estimates_noise_or_uses_known_noise():
-    clear = log(TRUTH, noise=1e-5)
+    clear = log(TRUTH, noise=1e-5, after=0.012)  # the flange does not brake yet
     steady = ig.identify(clear | {"flange_velocity": np.ones_like(clear["time"])}, guess(), MOTION)
     assert steady.estimate == pytest.approx(truths(TRUTH), rel=1e-3)
     assert steady.noise["flange_velocity"] < 1e-6
@@ -182,7 +182,6 @@ def test_correlation_hardly_depends_on_the_noise():
     assert np.allclose(fits[0].correlation, fits[1].correlation, atol=0.1)
     assert np.allclose(np.diag(fits[0].correlation), 1.0)
     assert f"correlation of contact.stiffness and object.mass: {fits[0].correlation[0, 2]:.2f}" in str(fits[0])
-    assert " N/m^1.5, 95 % in " in str(fits[0])
 
 
 @pytest.mark.slow

@@ -66,9 +66,9 @@ def test_good_servo_is_nearly_exact_and_a_bad_one_has_a_status(tmp_path):
     assert arm.rotors == pytest.approx([1.0, 1.0])
     run = partial(all_joints.simulate, arm, approach, scene=SCENE, motion=PAPERS, duration=0.25)
     imposed = run().object_velocity
-    found = [run(servo=all_joints.Servo(delay=delay)).object_velocity for delay in (0.0, 0.4e-3, 1e-3, 1.5e-3)]
-    assert found == pytest.approx([imposed] * 4, rel=0.05)
-    assert len(set(found)) == 4
+    found = [run(servo=all_joints.Servo(delay=delay)).object_velocity for delay in (0.0, 1e-3, 1.5e-3)]
+    assert found == pytest.approx([imposed] * 3, rel=0.05)
+    assert len(set(found)) == 3
     weak = run(motion=ig.Trapezoid(0.5, 50.0), servo=all_joints.Servo(0.5, 1.0, 0.02, 0.0))  # stable, but 20 ms late
     unstable = [run(servo=all_joints.Servo(*numbers)) for numbers in ((5e3, 1.0, 2e-3), (100.0, 1.0, 0.1))]
     for lost in (weak, *unstable):
@@ -116,8 +116,7 @@ def lagrange(arm, approach):
 
     gap.terminal = True
     solve = partial(solve_ivp, method="RK45", events=gap, rtol=1e-10, atol=1e-13, dense_output=True)
-    ramp = solve(rates, (0.0, 0.0625), [*approach.joint_angles[0], 0.0, 0.0, 0.1, 0.0])
-    flight = solve(rates, (0.0625, 1.0), ramp.y[:, -1])
+    flight = solve(rates, (0.0, 1.0), [*approach.joint_angles[0], 0.0, 0.0, 0.1, 0.0])
     met, touched = flight.y[:, -1], flight.t[-1]
     closing = u @ jacobian(met[:2]) @ met[2:4]
     chi, gap.direction = 1.5 * (1 - 0.5) / 0.5 * k_c / closing, -1.0  # Hu and Guo
@@ -153,20 +152,13 @@ def test_leaving_the_line_and_too_much_work_have_a_status(tmp_path):
 
 
 def test_advise_compares_one_mass_with_all_joints(tmp_path):
-    arm, approach = two_rods(tmp_path, joint_stiffness=(9e4, 4e4))
-    advice = ig.advise(SCENE, PAPERS, 0.05, duration=0.3, arm=(arm, approach))
-    true = all_joints.simulate(arm, approach, SCENE, PAPERS, duration=0.3).object_velocity
-    for model in advice.tried[1:]:
-        chain = ig.simulate(model.simplify(SCENE), PAPERS, duration=0.3).object_velocity
-        assert model.errors.tolist() == [abs(chain - true) / true]
-    assert {"robot rigid", "robot one mass, held", "robot one mass, effective"} < {model.name for model in advice.tried}
-    assert advice.model.bound <= 0.05
-    assert advice.model is not advice.tried[0]
-    assert ig.advise(SCENE, PAPERS, 1e-9, duration=0.3, arm=(arm, approach)).model.name == "all joints"
-
-
-def test_advise_finds_that_two_slides_are_one_mass(tmp_path):
-    advice = ig.advise(SCENE, PAPERS, 1e-5, duration=0.4, arm=two_slides(tmp_path))
-    off = {model.name: model.bound for model in advice.tried}
-    assert advice.model.name.startswith("robot one mass")
-    assert max(error for name, error in off.items() if name.startswith("robot one mass")) < 1e-6 < off["robot rigid"]
+    for arm, tolerance in ((two_rods(tmp_path, joint_stiffness=(9e4, 4e4)), 0.05), (two_slides(tmp_path), 1e-5)):
+        advice = ig.advise(SCENE, PAPERS, tolerance, duration=0.3, arm=arm)
+        true = all_joints.simulate(*arm, SCENE, PAPERS, duration=0.3).object_velocity
+        for model in advice.tried[1:]:
+            chain = ig.simulate(model.simplify(SCENE), PAPERS, duration=0.3).object_velocity
+            assert model.errors.tolist() == [abs(chain - true) / true]
+        assert advice.model.name.startswith("robot one mass")
+        assert advice.model.bound <= tolerance < max(model.bound for model in advice.tried)
+        assert {"robot rigid", "robot one mass, effective"} < {model.name for model in advice.tried}
+    assert ig.advise(SCENE, PAPERS, 1e-12, duration=0.3, arm=arm).model.name == "all joints"

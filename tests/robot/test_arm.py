@@ -166,14 +166,15 @@ def test_balanced_inertia_is_the_mean_of_impossible_moments(tmp_path):
 
 
 def test_500_joints_and_soft_joints_are_allowed(tmp_path):
-    parts = [joint(f"{k}", "revolute", f"link {k}", f"link {k + 1}", (0.01, 0, 0)) for k in range(500)]
-    path = write(tmp_path, link("link 0"), *parts, *(link(f"link {k + 1}", 0.1) for k in range(500)))
-    arm = elastic(path, "link 0", "link 500", joint_stiffness=20.0, joint_damping=0.1)
+    parts = [joint(f"{k}", "revolute", f"link {k}", f"link {k + 1}", (0.01, 0, 0)) + link(f"link {k + 1}", 0.1)
+             for k in range(500)]  # fmt: skip
+    arm = elastic(
+        write(tmp_path, link("link 0"), *parts), "link 0", "link 500", joint_stiffness=20.0, joint_damping=0.1
+    )
     assert arm.composite(np.zeros(500))[0] == pytest.approx(50.0)
     soft = elastic(rods(tmp_path), joint_stiffness=20.0)  # N m/rad
     table, rates = soft.along(Q2, (-1.0, -1.0, 0.0), 0.05), np.linalg.inv(soft.jacobian(Q2)[:2])
     assert table.stiffness[0] == pytest.approx(20.0 * np.sum((rates @ table.direction[:2]) ** 2))
-    assert table.stiffness[0] < 1e3
 
 
 @pytest.mark.parametrize("encoding", ["latin-1", "windows-1252", "utf-8", "utf-16"])

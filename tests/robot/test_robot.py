@@ -1,8 +1,6 @@
 """The robot's reduction, by laws and a chain without code of the package; a compliant robot, by matrix exponentials."""
 
-import dataclasses
 import json
-import math
 import re
 import sys
 from pathlib import Path
@@ -119,10 +117,9 @@ def test_reduction_along_x_follows_from_energy_and_force(arm):
         assert ours["effective_stiffness"] <= ours["stiffness"]
 
 
-@pytest.mark.parametrize(("orientation", "pointing"), [("down", (0, 0, -1)), ("horizontal", (1, 0, 0))])
-def test_joint_angles_put_the_flange_there(arm, orientation, pointing):
-    angles = viper.angles_at(arm, 0.5, -0.2, 0.25, orientation)
-    assert_equal(frames(angles)[-1][:3][:, 1:].T, [(0, 1, 0), pointing, (0.5, -0.2, 0.25)], 1e-10)
+def test_tool_may_point_down(arm):
+    angles = viper.angles_at(arm, 0.5, -0.2, 0.25, "down")
+    assert_equal(frames(angles)[-1][:3][:, 1:].T, [(0, 1, 0), (0, 0, -1), (0.5, -0.2, 0.25)], 1e-10)
     assert angles[2] > 1.0  # the elbow is up
 
 
@@ -165,35 +162,20 @@ def test_only_an_arm_needs_mujoco(monkeypatch):
         viper.viper()
 
 
-ROBOT = ig.Robot(5.225, 1.9e5, 50.4)
-
-
-def simulated(*chain, duration=1.0, **target):
-    return ig.simulate(scene(1e5, 1.0, *chain, **target), MOTION, duration, 1e-10, trace=True)
-
-
-def test_robot_and_fixed_tool_are_one_mass_on_the_robots_spring():
-    spring_damper = ig.SpringDamper(ROBOT.stiffness, ROBOT.damping / 2 / math.sqrt(ROBOT.stiffness * 5.35))
-    same, robot = simulated(spring_damper, m_t=5.35), simulated(ig.Rigid(), ROBOT)
-    assert robot.object_velocity == pytest.approx(same.object_velocity, rel=1e-12)
-    assert robot.trace.tool_position == pytest.approx(same.trace.tool_position, abs=1e-12)
-    assert robot.flange_velocity == robot.tool_velocity
-    assert (robot.trace.flange_position == robot.trace.tool_position).all()
-    assert robot.trace.command_position == pytest.approx(same.trace.flange_position, abs=1e-12)
-
-
-@pytest.mark.parametrize("coupling", [ig.SpringDamper(150.0), ig.SpringDamper(5000.0, 0.1)], ids=str)
+@pytest.mark.parametrize("coupling", [ig.Rigid(), ig.SpringDamper(150.0), ig.SpringDamper(5000.0, 0.1)], ids=str)
 def test_flight_of_flange_and_tool_is_the_matrix_exponential(coupling):
-    trace = simulated(coupling, ROBOT, distance=1e3, duration=0.5).trace  # the object is not reached
-    (m_r, k_r, c_r), m_t, k_t = dataclasses.astuple(ROBOT), 0.125, coupling.stiffness
-    c_t = 2 * coupling.damping_ratio * math.sqrt(k_t * m_t)
+    (m_r, k_r, c_r), m_t = (5.225, 1.9e5, 50.4), 0.125
+    flying = scene(1e5, 1.0, coupling, ig.Robot(m_r, k_r, c_r), distance=1e3)  # the object is not reached
+    trace, rates = ig.simulate(flying, MOTION, 0.5, 1e-10, trace=True).trace, np.zeros((5, 5))
     # offsets of flange and tool from the imposed motion, their rates, and the imposed acceleration
-    rates = np.zeros((5, 5))
     rates[0, 2] = rates[1, 3] = 1.0
-    rates[2] = np.array([-k_r - k_t, k_t, -c_r - c_t, c_t, -m_r]) / m_r
-    rates[3] = np.array([k_t, -k_t, c_t, -c_t, -m_t]) / m_t
-    for time in (0.06, 0.125, 0.3, 0.5):
-        at = np.argmin(np.abs(trace.time - time))
+    if isinstance(coupling, ig.Rigid):
+        rates[2:4] = np.array([-k_r, 0, -c_r, 0, -m_r - m_t]) / (m_r + m_t)
+    else:
+        k_t, c_t = coupling.stiffness, 2 * coupling.damping_ratio * (coupling.stiffness * m_t) ** 0.5
+        rates[2] = np.array([-k_r - k_t, k_t, -c_r - c_t, c_t, -m_r]) / m_r
+        rates[3] = np.array([k_t, -k_t, c_t, -c_t, -m_t]) / m_t
+    for at in np.searchsorted(trace.time, (0.06, 0.125, 0.3, 0.5)):
         t = trace.time[at]
         state = expm(rates * min(t, 0.125)) @ np.array([0, 0, 0, 0, 8.0])
         state = expm(rates * max(t - 0.125, 0.0)) @ (state * [1, 1, 1, 1, 0])
