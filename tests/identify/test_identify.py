@@ -124,8 +124,9 @@ def test_interval_ends_where_the_misfit_grew_by_the_quantile(rate, estimated, gr
 
     least = misfit(fit.estimate["contact.stiffness"])
     square = least / 10 if estimated else noise**2
-    for end in fit.interval["contact.stiffness"]:
-        assert (misfit(end) - least) / square == pytest.approx(grown, rel=0.1)
+    low, high = fit.interval["contact.stiffness"]
+    assert low < fit.estimate["contact.stiffness"] < high
+    assert [(misfit(end) - least) / square for end in (low, high)] == pytest.approx([grown, grown], rel=0.1)
 
 
 class Misfit:
