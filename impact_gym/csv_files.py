@@ -243,6 +243,6 @@ def _meaning(head: str, wanted: Mapping[str, Column]) -> tuple[str, str] | None:
 
 def _scale(unit: str, written: str) -> float | None:
     """Return the factor from a `written` unit to the SI `unit`; None if the written unit is unknown."""
-    short = re.sub(r"[\s*\u00b7.]", "", written).replace("\u00b2", "^2").replace("\u207b", "-").replace("\u00b9", "1")
+    short = re.sub(r"[\s*\u00b7.]", "", written).replace("\u00b2", "2").replace("\u207b", "-").replace("\u00b9", "1")
     short = re.sub(r"(?<=s)\^?(-?\d)$", r"^\1", short)
     return SCALES[unit].get(short if short[:1] == "M" and len(short) < 4 else short.lower())

@@ -2,6 +2,8 @@
 
 import re
 
+from impact_gym.robot import from_urdf
+
 LENGTHS = 0.5, 0.4  # m, of two rods
 ELASTIC = {"joint_stiffness": (9e3, 4e3), "joint_damping": (5.0, 2.0)}  # N m/rad and N m s/rad, of their joints
 SHOULDER = '(name="shoulder".*?lower=)"-3" upper="3"'
@@ -9,12 +11,10 @@ SHOULDER = '(name="shoulder".*?lower=)"-3" upper="3"'
 
 def link(name, mass=0.0, at=(0.0, 0.0, 0.0), moments=(0.01, 0.02, 0.02), extra=""):
     """A link; without mass it is a frame."""
-    if not mass:
-        return f'<link name="{name}">{extra}</link>'
-    xx, yy, zz = moments
-    place = " ".join(map(str, at))
-    return (f'<link name="{name}"><inertial><origin xyz="{place}"/><mass value="{mass}"/><inertia ixx="{xx}" iyy="{yy}"'
-            f' izz="{zz}" ixy="0" ixz="0" iyz="0"/></inertial>{extra}</link>')  # fmt: skip
+    place, (xx, yy, zz) = " ".join(map(str, at)), moments
+    inertia = f'<inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="0" ixz="0" iyz="0"/>'
+    inertial = f'<inertial><origin xyz="{place}"/><mass value="{mass}"/>{inertia}</inertial>' if mass else ""
+    return f'<link name="{name}">{inertial}{extra}</link>'
 
 
 def joint(name, kind, parent, child, at=(0.0, 0.0, 0.0), axis="0 0 1", turn="0 0 0", extra=""):
@@ -46,16 +46,21 @@ def rods(folder, lengths=LENGTHS, masses=(3.0, 2.0), names=("shoulder", "elbow")
 def edited(folder, old, new):
     """Two rods; a piece of the file is replaced."""
     path = rods(folder)
-    text = path.read_text()
-    assert re.search(old, text)
-    path.write_text(re.sub(old, new, text, count=1))
+    text, count = re.subn(old, new, path.read_text(), count=1)
+    assert count == 1
+    path.write_text(text)
     return path
 
 
-def slides(folder, first=2.0, second=3.225):
-    """Two slides, along x and along y; along x they are one mass on a spring."""
+def elastic(path, base="base", tip="tip", **options):
+    """The arm of a file, by default of two rods."""
+    return from_urdf(path, base, tip, **ELASTIC | options)
+
+
+def slides(folder, first=2.0, second=3.225, axis="1 0 0"):
+    """Two slides, along `axis` and along y; along `axis` they are one mass on a spring."""
     return write(
-        folder, link("base"), joint("x", "prismatic", "base", "carriage", axis="1 0 0"), link("carriage", first),
+        folder, link("base"), joint("x", "prismatic", "base", "carriage", axis=axis), link("carriage", first),
         joint("y", "prismatic", "carriage", "tip", axis="0 1 0"), link("tip", second),
     )  # fmt: skip
 

@@ -17,18 +17,18 @@ from experiments.reference.chain import Chain
 from experiments.reference.motion import Motion
 
 RTOL = 1e-10
-NODES = 100  # in a contact
-FINE, LARGEST_GRID = 1500, 100_000  # steps of the filter's grid: in the shortest contact, and at most
+NODES = np.linspace(0.0, 1.0, 100) ** 2  # shares of a contact; finest at the onset, where the force changes most
+GRID = 20_000  # times of a blow
 MOTION, SPRING = ig.Trapezoid(1.0, 8.0, ig.Brake()), ig.SpringDamper(150.0)
 SCENE_FILE = Path(__file__).with_suffix(".toml").read_text("utf-8")
 
 
 class Blow(NamedTuple):
-    """Force (N) and velocity of the object (m/s) at `time` (n,) s, evenly and finely spaced."""
+    """Evenly and finely spaced over time."""
 
-    time: np.ndarray
-    force: np.ndarray
-    object_velocity: np.ndarray
+    time: np.ndarray  # s
+    force: np.ndarray  # N
+    object_velocity: np.ndarray  # m/s
 
 
 def scene(k_c=1e5, e=0.5, m_p=0.25, coupling=SPRING, robot=None):
@@ -44,26 +44,20 @@ def truths(of):
 @lru_cache
 def blow(of, motion, after):
     """The motion from the first touch to `after` seconds later."""
-    touch = reference.simulate(of, motion, 3.0, RTOL).contacts[0].start
-    run = reference.simulate(of, motion, touch + after, RTOL)
-    spans = [(contact.start, touch + after if contact.end is None else contact.end) for contact in run.contacts]
-    step = max(min(end - start for start, end in spans) / FINE, after / LARGEST_GRID)
-    time = touch + step * np.arange(int(after / step), dtype=float)
-    force, velocity, moving = *np.zeros((2, len(time))), Motion(Chain(of, motion), of.object.distance, RTOL)
-    kink = [] if run.detection_time is None or motion.brake is None else [run.detection_time + motion.brake.delay]
-    for (start, end), contact in zip(spans, run.contacts, strict=True):
-        shares = np.linspace(0.0, 1.0, NODES) ** 2  # finest at the onset, where the force changes most
-        nodes = np.union1d(start + (end - start) * shares, [time for time in kink if start < time < end])
-        points = [(0.0, contact.object_velocity - contact.impulse / of.object.mass)]
-        for node in nodes[1:] if contact.end is None else nodes[1:-1]:
+    run, moving = reference.simulate(of, motion, 3.0, RTOL), Motion(Chain(of, motion), of.object.distance, RTOL)
+    until = run.contacts[0].start + after
+    spans = [(contact.start, min(contact.end or until, until)) for contact in run.contacts if contact.start < until]
+    time = spans[0][0] + after / GRID * np.arange(GRID)
+    force, velocity = np.zeros((2, GRID))
+    for start, end in spans:
+        nodes, points = start + (end - start) * NODES, []
+        for node in nodes:
             while moving.t < node:
                 moving.advance(node)
-            points.append((moving.force, moving.object_velocity))
-        if contact.end is not None:
-            points.append((0.0, contact.object_velocity))
+            points.append((moving.force if start < node and moving.touching else 0.0, moving.object_velocity))
         inside = (time >= start) & (time < end)
         force[inside], velocity[inside] = CubicSpline(nodes, points)(time[inside]).T
-        velocity[time >= end] = contact.object_velocity
+        velocity[time >= end] = moving.object_velocity
     return Blow(time, force, velocity)
 
 
