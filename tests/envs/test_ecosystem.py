@@ -52,7 +52,9 @@ ROOT = Path(__file__).parents[2]
 
 
 @pytest.mark.skipif(importlib.util.find_spec("rl_zoo3") is None, reason="rl_zoo3 is not installed")
-@pytest.mark.parametrize("algorithm", stock.ALGORITHMS)
+@pytest.mark.parametrize(
+    "algorithm", [name if name == "td3" else pytest.param(name, marks=pytest.mark.slow) for name in stock.ALGORITHMS]
+)
 def test_rl_zoo3_trains_with_the_settings_of_the_study(algorithm, tmp_path):
     # rl_zoo3 is not imported here: it replaces Gymnasium's TimeLimit by its own
     arguments = (f"-m rl_zoo3.train --algo {algorithm} --env {ID} --gym-packages impact_gym -n 4200 --seed 3 "
@@ -93,7 +95,7 @@ def test_results_in_threads_are_those_of_one_thread():
     assert_identical(together, alone * 3)
 
 
-def test_batch_for_stable_baselines3_warns_once_if_torch_uses_more_than_half_of_the_cores():
+def test_sb3_warns_once_if_torch_uses_over_half_of_the_cores():
     sb3 = pytest.importorskip("impact_gym.sb3")
     sb3.warn_of_threads.cache_clear()
     with pytest.warns(UserWarning, match=r"9 threads on 16 cores.*set_num_threads\(1\)"):

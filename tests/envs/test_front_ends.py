@@ -5,7 +5,7 @@ import pickle
 import warnings
 from functools import partial
 from inspect import signature
-from itertools import product
+from itertools import product, repeat
 
 import gymnasium as gym
 import numpy as np
@@ -13,6 +13,7 @@ import pytest
 import stable_baselines3.common.env_checker as sb3_checker
 from episode_runs import COMMANDED, ID, IDS, TELEOP, Given, action_table, assert_identical, begin, steps
 from gymnasium.envs.registration import EnvSpec
+from gymnasium.spaces import Box
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from hypothesis import given, settings
@@ -23,29 +24,28 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 import impact_gym as ig
 from impact_gym.envs.batch import ROWS_PER_THREAD
+from impact_gym.envs.objectives import MOImpactApproachVectorEnv
 from impact_gym.envs.single import ImpactApproachEnv
 from impact_gym.envs.vector import ImpactApproachVectorEnv
 from impact_gym.sb3 import ImpactVecEnv
-from impact_gym.task import Task
-from impact_gym.task.episodes import RECORD_IDS
 from impact_gym.task.task import ARGUMENTS
 
 MODES = ["NextStep", "SameStep", "Disabled"]
-FRONT_ENDS = [*MODES, "stable-baselines3", "single"]
+MODE = {"single": "NextStep", "objectives": "SameStep"} | {mode: mode for mode in MODES}
+FRONT_ENDS = [*MODE, "stable-baselines3"]
+MO_ID = "mo-impact-approach-v0"
 HARD = {"scenario": "hard", "time_weight": (0.5, 8.0), "reaction_delay": 0.03}
 NOISY = {"range_noise": 0.01, "force_noise": 0.2, "force_bias": 0.1, "deflection_sensor": True, "privileged": True}
 UNSURE = {"uplink": CHANNEL, "privileged": True, "force_noise": (0.1, 1.0)}
-MORE = (
+MORE = {
     "coupling", "range_noise", "range_bias", "range_sensor", "reference_velocity", "operator", "uplink", "downlink",
-)  # fmt: skip
+}  # fmt: skip
 
 
 def loop_of(front, rows):
     """A loop over single environments, of Gymnasium or stable-baselines3, with a task in each row."""
     singles = [partial(gym.make, ID, disable_env_checker=True, **options) for options in rows]
-    if front == "stable-baselines3":
-        return DummyVecEnv(singles)
-    return SyncVectorEnv(singles, autoreset_mode="NextStep" if front == "single" else front)
+    return SyncVectorEnv(singles, autoreset_mode=MODE[front]) if front in MODE else DummyVecEnv(singles)
 
 
 def made(front, rows):
@@ -53,12 +53,21 @@ def made(front, rows):
         return loop_of(front, rows)
     if front == "stable-baselines3":
         return ImpactVecEnv(len(rows), per_slot=rows, threads=1)
-    return ImpactApproachVectorEnv(len(rows), autoreset_mode=front, per_slot=rows, threads=1)
+    kind = MOImpactApproachVectorEnv if front == "objectives" else ImpactApproachVectorEnv
+    return kind(len(rows), autoreset_mode=MODE[front], per_slot=rows, threads=1)
 
 
 def stepped(front, envs, actions):
-    """What a step returns; without autoreset followed by what the reset of the ended episodes returns."""
+    """What a step returns, with its scalar reward; without autoreset also what the reset of ended episodes returns."""
+    weight = envs.batch.info()["time_weight"] if isinstance(envs, MOImpactApproachVectorEnv) else None
     returned = envs.step(actions)
+    if weight is not None:  # the sum of its vector rewards, weighted
+        seen, vectors, *flags, infos = returned
+        reward = infos.pop("original_reward")
+        assert infos.pop("_original_reward").all()
+        weights = [weight, np.ones_like(weight), [task.force_weight for task in envs.batch.tasks]]
+        assert np.sum(vectors.T * weights[: envs.reward_dim], axis=0) == pytest.approx(reward, abs=1e-9)
+        returned = seen, reward, *flags, infos
     if front == "Disabled" and (ended := returned[2] | returned[3]).any():
         returned += envs.reset(options={"reset_mask": ended})
     return returned
@@ -95,8 +104,9 @@ def twin_of(envs, twin, fresh, actions):
     if twin == "state" and hasattr(envs, "get_state"):
         other, state = fresh(), envs.get_state()
         envs.step(actions)
-        other.set_state(state)
-        other.step(actions)
+        for _ in range(2):
+            other.set_state(state)
+            other.step(actions)
         other.set_state(state)
         return other
     other = pickle.loads(pickle.dumps(envs)) if twin == "pickle" else copy.deepcopy(envs)
@@ -109,13 +119,11 @@ def test_every_argument_of_a_task_is_in_the_strategy():
 
 
 @pytest.mark.parametrize("front", FRONT_ENDS)
-@settings(STORM, max_examples=25)
+@settings(STORM, max_examples=16)
 @given(
     rows_of_tasks(), st.booleans(), st.integers(0, 1000), FIXED, st.sampled_from(["itself", "copy", "pickle", "state"])
 )
-def test_front_end_returns_to_the_bit_what_a_loop_over_single_environments_returns(
-    front, rows, equal, seed, fixed, twin
-):
+def test_front_end_returns_the_bits_of_a_loop_of_singles(front, rows, equal, seed, fixed, twin):
     """For any tasks and options of the first reset; a copy may replace the front end in the middle of an episode.
 
     Spaces, masks of infos and types of arrays are compared, too.
@@ -125,7 +133,7 @@ def test_front_end_returns_to_the_bit_what_a_loop_over_single_environments_retur
     envs, loop = made(front, rows), loop_of(front, rows)
     assert (envs.observation_space, envs.action_space) == (loop.observation_space, loop.action_space)
     assert_identical(*(begin(each, seed, fixed) for each in (envs, loop)))
-    replaced, actions = twin == "itself", action_table(seed, 160, 3, lean=(-0.6, 0.6), task=rows[0])
+    replaced, actions = twin == "itself", action_table(seed, 125, 3, lean=(-0.6, 0.6), task=rows[0])
     for tick, row in enumerate(actions):
         returned = stepped(front, envs, row)
         assert_alike(returned, stepped(front, loop, row), exact)
@@ -137,25 +145,32 @@ def test_front_end_returns_to_the_bit_what_a_loop_over_single_environments_retur
             assert env.unwrapped.sensors() == {name: column[number] for name, column in envs.sensors().items()}
 
 
-@settings(STORM, max_examples=40)
-@given(rows_of_tasks(count=1), st.integers(0, 1000))
-def test_episode_is_repeated_from_its_record_and_by_a_task_with_its_numbers(rows, seed):
-    (options,) = rows
-    actions = action_table(seed, 200, 1, lean=(0.3, 0.6), task=options)[:, 0]
-    env = gym.make(ID, **options)
-    first = [*steps(env, Given(actions), seed)]
-    info = env.unwrapped.episode_info()
-    for elsewhere in (env, gym.make(ID, **options | {"scenario": "hard"})):
-        assert_identical([*steps(elsewhere, Given(actions), record=info["record"])][1:], first[1:])
-    task = Task(**options).at(info["record"])
-    assert task.drawn == {}
-    fixed = options | {name: getattr(task, name) for name in {path.partition(".")[0] for path in Task(**options).drawn}}
-    assert Task(**fixed) == task
-    if not (options["privileged"] and Task(**options).drawn):  # a critic observes what is drawn
-        alone, rest = gym.make(ID, **fixed), {name: info["record"][name] for name in RECORD_IDS}
-        again = [*steps(alone, Given(actions), record=rest)]
-        assert_identical([step[:4] for step in again[1:]], [step[:4] for step in first[1:]])
-        assert_identical(alone.unwrapped.episode_info(), info | {"record": rest})
+@pytest.mark.parametrize("options", [
+    {"force_weight": 0.01}, {"time_weight": (0.5, 8.0), "missed_cost": 3.0}, {"per_slot": [{"force_weight": 0.02}, {}]},
+], ids=str)  # fmt: skip
+def test_vector_rewards_are_the_unweighted_terms(options):
+    envs = gym.make_vec(MO_ID, num_envs=2, autoreset_mode="Disabled", **options).unwrapped
+    weights = np.resize([task.force_weight for task in envs.batch.tasks], 2)
+    alone = None if "per_slot" in options else gym.make(MO_ID, **options).unwrapped
+    assert envs.reward_dim == 2 + any(weights)
+    assert envs.reward_space == Box(-np.inf, 0.0, (envs.reward_dim,), np.float64)
+    for seed, velocity in product(range(8), (-1.0, 0.0, 1.0)):
+        envs.reset(seed=seed)
+        action, apart, ended = np.float32([velocity, 1.0]), [], np.array([False])
+        while not ended.any():
+            _, vectors, ended, *_ = envs.step(np.tile(action, (2, 1)))
+            apart.append(vectors)
+        row, apart = int(ended.argmax()), np.array(apart)
+        info, total = envs.batch.info(row), apart.sum(axis=0)[row]
+        terms, count = info["reward_terms"], envs.reward_dim
+        expected = [terms["time"], terms["velocity"] + terms["missed"], terms["force"]][:count]
+        assert total * [info["time_weight"], 1.0, weights[row]][:count] == pytest.approx(expected, rel=1e-9, abs=1e-12)
+        assert not apart[:-1, row, 1:].any()
+        assert not apart[:, weights == 0.0, 2:].any()
+        assert (total >= envs.reference_point - 1e-12).all()
+        if alone and row == 0:
+            played = [step[1] for step in steps(alone, Given(repeat(action)), seed)][1:]
+            assert_identical(played, [*apart[:, 0]])
 
 
 def test_results_do_not_depend_on_the_number_of_threads():
@@ -174,7 +189,7 @@ def test_results_do_not_depend_on_the_number_of_threads():
     [*product(IDS, ({}, HARD)), (f"impact_gym:{ID}", NOISY), *product([TELEOP], ({}, UNSURE))],
     ids=str,
 )
-def test_checkers_of_gymnasium_and_stable_baselines3_find_nothing(id, options):
+def test_checkers_of_gymnasium_and_sb3_find_nothing(id, options):
     for name in ("reset", "step"):
         own, theirs = (signature(getattr(kind, name)).parameters for kind in (ImpactApproachEnv, gym.Env))
         assert [(each.name, each.kind) for each in own.values()] == [(each.name, each.kind) for each in theirs.values()]
@@ -186,7 +201,19 @@ def test_checkers_of_gymnasium_and_stable_baselines3_find_nothing(id, options):
     assert [str(warning.message) for warning in caught] == []
 
 
-@settings(STORM, max_examples=30)
+@pytest.mark.filterwarnings("ignore:.*different from the unwrapped version")
+def test_mo_gymnasium_weighs_the_rewards_to_the_scalar_one():
+    mo_gym = pytest.importorskip("mo_gymnasium")
+    for name in (name for name in gym.registry if name.startswith("mo-impact-")):
+        scalar = gym.wrappers.TransformReward(mo_gym.make(name), lambda rewards: float(rewards @ [2.0, 1.0]))
+        check_env(scalar, skip_render_check=True)
+        linear = mo_gym.wrappers.LinearReward(mo_gym.make(name), weight=np.array([2.0, 1.0]))
+        linear.reset(seed=0)
+        _, reward, _, _, info = linear.step(linear.action_space.sample())
+        assert reward == pytest.approx(info["original_reward"])
+
+
+@settings(STORM, max_examples=12)
 @given(st.sampled_from(IDS), rows_of_tasks(count=1), st.sampled_from(MODES))
 def test_environment_made_from_its_json_is_the_same(id, rows, mode):
     (options,) = rows
@@ -197,12 +224,11 @@ def test_environment_made_from_its_json_is_the_same(id, rows, mode):
     assert_identical(*([*steps(each, Given(actions[:, 0]), seed=3)] for each in (env, again)))
     envs = gym.make_vec(id, num_envs=4, autoreset_mode=mode, **options)
     again = gym.make_vec(EnvSpec.from_json(envs.spec.to_json()))
-    assert again.num_envs == 4
-    assert again.metadata["autoreset_mode"] is AutoresetMode(mode)
+    assert (again.num_envs, again.metadata["autoreset_mode"]) == (4, AutoresetMode(mode))
     assert_identical(again.reset(seed=3), envs.reset(seed=3))
 
 
-def test_seed_and_options_of_stable_baselines3_apply_to_the_next_reset_alone():
+def test_seed_and_options_of_sb3_apply_to_one_reset():
     envs, loop = (make("stable-baselines3", [NOISY] * 3) for make in (made, loop_of))
     for seed, distances in ((17, [0.17, 0.22, 0.31]), (None, []), (3, [])):
         for each in (envs, loop) if distances else ():
@@ -214,7 +240,7 @@ def test_seed_and_options_of_stable_baselines3_apply_to_the_next_reset_alone():
             assert_alike(envs.step(row), loop.step(row), True)
 
 
-def test_episode_that_ends_by_itself_on_the_last_allowed_step_has_the_flags_of_gymnasium():
+def test_episode_that_ends_on_the_last_step_has_usual_flags():
     envs, loop = (make("NextStep", [{"max_episode_steps": 75}]) for make in (made, loop_of))
     envs.reset(seed=0), loop.reset(seed=0)
     for _ in range(75):
@@ -223,7 +249,7 @@ def test_episode_that_ends_by_itself_on_the_last_allowed_step_has_the_flags_of_g
     assert_identical(result[:4], expected[:4])
 
 
-def test_seeds_and_reset_mask_affect_only_the_slots_that_they_name():
+def test_seeds_and_reset_mask_affect_only_their_slots():
     envs, loop = (make("Disabled", [{}] * 3) for make in (made, loop_of))
     assert_identical(envs.reset(seed=[30, 8, 30])[0], loop.reset(seed=[30, 8, 30])[0])
     rows, mask = action_table(4, 14, 3), np.array([False, True, False])
@@ -237,18 +263,6 @@ def test_seeds_and_reset_mask_affect_only_the_slots_that_they_name():
         assert np.array_equal(after[~mask], before[~mask])
     envs = made("NextStep", [NOISY] * 3)
     assert_identical(envs.reset(), envs.reset(seed=list(envs.np_random_seed)))
-
-
-def test_slot_that_was_never_reset_or_has_ended_without_autoreset_must_be_reset_first():
-    envs = gym.make_vec(ID, num_envs=2, autoreset_mode="Disabled", max_episode_steps=2)
-    action, first, second = np.zeros((2, 2), np.float32), np.array([True, False]), np.array([False, True])
-    for remedy in ("reset", "reset_mask"):
-        envs.reset(seed=0, options={"reset_mask": first})
-        with pytest.raises(gym.error.ResetNeeded, match=remedy):
-            envs.step(action)
-        envs.reset(options={"reset_mask": second})
-        assert not envs.step(action)[3].any()
-        assert envs.step(action)[3].all()
 
 
 @pytest.mark.parametrize("make", [gym.make, gym.make_vec, ImpactVecEnv])

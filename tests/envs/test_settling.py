@@ -70,7 +70,7 @@ def test_status_says_that_an_episode_has_not_settled():
     "coupling", [ig.Rigid(), PAPERS_SPRING, ig.SpringDamper(150.0, 0.2), ig.Bistable(stop_damping_ratio=0.9)], ids=str
 )
 @pytest.mark.parametrize("friction", [0.1, 0.5])
-def test_papers_rule_on_rough_ground_has_velocity_slide_and_rest_time_of_simulate(coupling, friction):
+def test_papers_rule_on_rough_ground_is_that_of_simulate(coupling, friction):
     batch, late = ScenarioBatch(0, 12, Task(coupling=coupling, friction=friction, rtol=1e-11)), []
     played = batch.play(PaperTrapezoid())
     for row, struck in enumerate(scenes_of(played, coupling, friction=friction)):
@@ -91,29 +91,14 @@ def test_info_has_slide_and_rest_time_only_with_friction():
         assert play(gym.make(ID, **options), PaperTrapezoid()).info.keys() == usual
     missed = play(gym.make(ID, friction=0.3), ConstantSpeed(0.05)).info
     assert missed.keys() == usual | {*SLIDE}
-    assert missed["missed"]
-    assert (missed["slide"], missed["object_velocity"]) == (0.0, 0.0)
-    played = ScenarioBatch(0, 50, Task(friction=0.3)).play(PaperTrapezoid())
+    assert (missed["missed"], missed["slide"], missed["object_velocity"]) == (True, 0.0, 0.0)
+    played, smooth = (ScenarioBatch(0, 50, Task(friction=each)).play(PaperTrapezoid()) for each in (0.3, None))
     assert (played.slide >= played.object_velocity**2 / (0.6 * GRAVITY) * (1 - 1e-9)).all()
     assert np.isfinite(played.rest_time).all()
-    smooth = ScenarioBatch(0, 50).play(PaperTrapezoid())
     assert smooth.slide is None
     assert (played.object_velocity < smooth.object_velocity).mean() > 0.9
-
-
-def test_horizon_time_after_the_alarm_and_cost_of_a_miss_are_the_given_ones():
-    env = gym.make(ID, horizon=0.4, missed_cost=3.5)
-    observations, _, info = play(env, ConstantSpeed(0.05), 1)
-    assert (info["approach_time"], info["reward_terms"]["missed"]) == (0.4, -3.5)
-    spec = env.unwrapped.observation_spec
-    assert spec.decode(observations[-1], "time") == pytest.approx(0.4, rel=1e-6)
-    assert spec.scale("time").high == pytest.approx(0.55)
-    assert Task(horizon=2.4).ends("horizon") == (0.0, 3.0)
-    assert Task().ends("horizon") == (0.0, 1.5)
-    env = gym.make(ID, after_alarm=0.3)
-    last = play(env, PaperTrapezoid(), 1).observations[-1]
-    assert env.unwrapped.observation_spec.decode(last, "time_since_alarm") == pytest.approx(0.3, rel=1e-6)
-    assert ScenarioBatch(0, 3, Task(missed_cost=3.5)).play(ConstantSpeed(0.05)).loss(1.0) == pytest.approx(1.2 + 3.5)
+    missed = ScenarioBatch(0, 3, Task(missed_cost=3.5)).play(ConstantSpeed(0.05))
+    assert missed.loss(1.0) == pytest.approx(1.2 + 3.5)
 
 
 SHORT = {"type": "SpringDamper", "stiffness": (20.0, 80.0), "stroke": (0.02, 0.2)}
@@ -124,7 +109,7 @@ SHORT = {"type": "SpringDamper", "stiffness": (20.0, 80.0), "stroke": (0.02, 0.2
     ({"coupling": SHORT, "tool_mass": (0.1, 0.14)}, r"stroke .* 0\.02 m, .* 0\.14 m"),  # 20 m/s^2 * 0.14 kg / 20 N/m
     ({"horizon": 0.2}, r"distance .* 0\.35 m, .* 0\.2 s \(horizon\) .* 0\.244 m"),
 ], ids=["stroke", "shortest stroke", "distance"])  # fmt: skip
-def test_environment_warns_of_a_short_stroke_and_of_objects_out_of_reach(options, said):
+def test_short_stroke_and_objects_out_of_reach_are_warned_of(options, said):
     with pytest.warns(UserWarning, match=said):
         gym.make(ID, **options)
 
@@ -147,14 +132,14 @@ EXTREME_ARGUMENTS = {
 
 
 @pytest.mark.filterwarnings("ignore:SpringDamper.stroke")
-@settings(STORM, max_examples=120)
+@settings(STORM, max_examples=70)
 @given(
     rows_of_tasks(count=1),
     st.fixed_dictionaries({}, optional=EXTREME_ARGUMENTS),
     st.fixed_dictionaries({}, optional=EXTREME),
     st.lists(st.tuples(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0)), min_size=1, max_size=8),
 )
-def test_episode_with_any_accepted_arguments_ends_with_finite_results(rows, extreme, scenario, actions):
+def test_episode_of_any_arguments_ends_with_finite_results(rows, extreme, scenario, actions):
     options = rows[0] | extreme | {"max_episode_steps": None}
     env = gym.make(ID, **options)
     given = Given(islice(cycle(np.resize(action, env.action_space.shape) for action in actions), 1300))
