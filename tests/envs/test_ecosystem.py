@@ -1,52 +1,22 @@
-"""Use beside other software: arrays that callers keep, threads, and training by rl_zoo3."""
+"""Use beside other software: threads, and training by rl_zoo3."""
 
-import copy
 import importlib.util
 import json
-import pickle
 import subprocess
 import sys
 import warnings
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from episode_runs import ID, SLOTS, action_table, assert_identical, begin
-from random_tasks import EVERYTHING_DRAWN
+from episode_runs import ID, assert_identical
 from solver_scenes import COUPLINGS, MOTION, scene
 
 import impact_gym as ig
 from experiments.studies import stock
-from impact_gym.sb3 import ImpactVecEnv
-
-
-def step_through(env, rows):
-    """Step through one or several episodes; return everything that the environment returned."""
-    history = []
-    for row in rows:
-        history.append(env.step(row[0] if isinstance(env, gym.Env) else row))
-        if isinstance(env, gym.Env) and history[-1][2]:
-            history += [list(env.unwrapped.trace()), env.reset()]
-    return history
-
-
-@pytest.mark.parametrize("kind", ["single", "NextStep", "SameStep", "stable"])
-def test_returned_arrays_are_never_written_again(kind):
-    make = {"single": partial(gym.make, ID, record_trace=True), "stable": partial(ImpactVecEnv, SLOTS)}
-    options = EVERYTHING_DRAWN["spring"] | {"privileged": True}
-    env = make.get(kind, partial(gym.make_vec, ID, SLOTS, autoreset_mode=kind))(**options)
-    returned = [begin(env, seed=1), *step_through(env, action_table(9)[:60])]
-    snapshot = copy.deepcopy(returned)
-    step_through(env, action_table(10)[:60])
-    assert_identical(returned, snapshot)
-    buffers = []
-    pickle.dumps(returned, protocol=5, buffer_callback=buffers.append)  # called for each array
-    assert len({np.frombuffer(each, np.uint8).ctypes.data for each in buffers}) == len(buffers) > 60
-
 
 ROOT = Path(__file__).parents[2]
 
