@@ -48,6 +48,8 @@ def test_episode_is_repeated_from_its_record_and_from_its_task(rows, seed):
         assert_identical([*steps(elsewhere, Given(actions), record=info["record"])][1:], first[1:])
     task = Task(**options).at(info["record"])
     assert task.drawn == {}
+    narrow = {"tool_mass": (0.2, 0.2), "coupling": {"type": "SpringDamper", "stiffness": [60.0, 60.0]}}
+    assert Task(**options | narrow) == Task(**options | {"tool_mass": 0.2, "coupling": ig.SpringDamper(60.0)})
     fixed = options | {name: getattr(task, name) for name in {path.partition(".")[0] for path in Task(**options).drawn}}
     assert Task(**fixed) == task
     if not (options["privileged"] and Task(**options).drawn):  # a critic observes what is drawn
@@ -85,12 +87,6 @@ def test_what_is_drawn_besides_changes_no_other_draw(more, shown):
             (own, *rest), (seen, *others) = plain.step(row)[:4], drawn.step(row)[:4]
             assert_identical([np.delete(own, shown, axis=1), *rest], [np.delete(seen[:, :8], shown, axis=1), *others])
             assert (own[:, shown] != seen[:, shown]).any() == bool(shown)
-
-
-def test_ranges_of_no_width_are_numbers():
-    spring = {"type": "SpringDamper", "stiffness": [60.0, 60.0]}
-    narrow = Task(tool_mass=(0.2, 0.2), coupling=spring, force_noise=(1, 1))
-    assert narrow == Task(tool_mass=0.2, coupling=ig.SpringDamper(60.0), force_noise=1.0)
 
 
 @pytest.mark.parametrize("name", ["test", "validation", "hard"])

@@ -3,7 +3,7 @@
 import gymnasium as gym
 import numpy as np
 import pytest
-from episode_runs import ARM, ID, OWN, ROBOT, Always, Given, action_table, encode, play, steps
+from episode_runs import ID, ROBOT, Always, encode, steps
 from scipy import stats
 
 import impact_gym as ig
@@ -52,42 +52,6 @@ def test_force_readings_are_not_negative_and_their_bias_is_normal():
     bias = SPEC.decode(at_rest(6, 2000, force_bias=0.3), "force")
     assert np.ptp(bias, axis=0) == pytest.approx(0.0, abs=1e-6)  # constant in an episode
     assert stats.kstest(bias[3][bias[3] > 0.0], stats.halfnorm(scale=0.3).cdf).pvalue > 1e-3
-
-
-def test_sensors_are_in_si_units_the_numbers_of_the_observation():
-    options = {"range_noise": 0.01, "deflection_sensor": True, "force_bias": 0.1, "reaction_delay": 0.04}
-    env, peaks = gym.make(ID, **options, force_noise=0.2), [0.0]
-    spec = env.unwrapped.observation_spec
-    usual = {"time", "position", "velocity", "alarm", "time_since_alarm", "force", "force_peak"}
-    for observation, *_ in steps(env, Given(action_table(6, 200, 1)[:, 0]), seed=4):
-        sensors = env.unwrapped.sensors()
-        assert {*sensors} == usual | {"distance_estimate", "deflection"}
-        for name, value in sensors.items():
-            assert type(value) is float
-            assert observation[spec.index(name)] == pytest.approx(float(spec.encode(name, value)), abs=1e-6)
-        peaks.append(sensors["force_peak"])
-        assert peaks[-1] >= max(peaks[-2], sensors["force"])
-    assert peaks[-1] > 1.0
-
-
-@pytest.mark.parametrize("options", [{}, {**READING, "force_noise": 1.0}, {"operator": "Trapezoid"}], ids=str)
-def test_episode_state_has_the_observed_alarm_and_the_end(options):
-    steered = {**ARM, "operator": {"type": options["operator"]}} if "operator" in options else options
-    batch = Batch(20, Task(**steered), threads=1)
-    batch.begin_seeded(0, {})
-    action, alarms = OWN if steered is not options else encode(0.8, 10.0), 0
-    while not batch.ended.all():
-        skipped = batch.ended
-        batch.step(np.tile(action, (20, 1)), skipped)
-        sensors = batch.sensors()
-        for row in np.flatnonzero(~skipped):
-            state, now = batch.episode_state(row), sensors["time"][row]
-            assert state.end == (now if batch.ended[row] else np.inf)
-            assert sensors["alarm"][row] == (state.alarm <= now < state.alarm_over - 1e-9)
-            assert not sensors["alarm"][row] or sensors["time_since_alarm"][row] == now - state.alarm
-            assert "alarm" in options or state.alarm == state.detection + 0.016
-            alarms += sensors["alarm"][row]
-    assert alarms > 20
 
 
 @pytest.mark.parametrize("coupling", [ig.Rigid(), ig.SpringDamper(50.0)], ids=str)
@@ -171,22 +135,6 @@ def test_false_alarm_ends_no_episode():
     quiet, noisy = (ScenarioBatch(4, 100, task).play(Always(0.7, 20.0)) for task in tasks)
     assert quiet.object_velocity == pytest.approx(noisy.object_velocity, rel=1e-7, abs=1e-9)
     assert quiet.approach_time == pytest.approx(noisy.approach_time, rel=1e-7, abs=1e-9)
-
-
-@pytest.mark.parametrize("deflection", [False, True])
-def test_past_readings_are_the_readings_of_earlier_observations(deflection):
-    env = gym.make(ID, past_readings=3, deflection_sensor=deflection, force_noise=2.0, **READING)
-    read = [FORCE, 8] if deflection else [FORCE]
-    first = 8 + deflection
-    assert env.observation_space.shape == (first + 3 * len(read),)
-    for seed in range(5):
-        seen = play(env, Given(action_table(seed, 200, 1)[:, 0]), seed).observations[
-            :-1
-        ]  # the last step is a short one
-        for before in (1, 2, 3):
-            place = first + (before - 1) * len(read)
-            assert np.array_equal(seen[before:, place : place + len(read)], seen[:-before, read])
-        assert (np.ptp(seen[:, read], axis=0) > 0.0).all()
 
 
 def detector(*numbers, **environment):

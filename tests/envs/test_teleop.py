@@ -37,13 +37,13 @@ def test_stop_sent_at_the_touch_is_the_papers_brake(coupling):
 
 
 def test_task_of_the_id_is_that_of_its_docstring():
-    env = gym.make("ImpactTeleop-v0").unwrapped
+    env = gym.make(TELEOP).unwrapped
     text, task = " ".join(env.__doc__.split()), env.task
     (near, far), (low, high) = task.scenario.distance, task.ranges["friction"]
-    said = [f"{near:g} to {far:g} m ahead", f"friction on the ground is {low:g} to {high:g}.", "operator `Reach`"]
-    said += [f"a delay of {channel.delay:g} s each way" for channel in (task.uplink, task.downlink)]
-    assert not [words for words in (*said, f"lasted {task.horizon:g} s") if words not in text]
-    assert isinstance(task.operator, ig.operators.Reach)
+    said = [f"{near:g} to {far:g} m ahead", f"friction on the ground is {low:g} to {high:g}.", "operator `Reach`",
+            f"lasted {task.horizon:g} s", f"a delay of {task.uplink.delay:g} s each way"]  # fmt: skip
+    assert not [words for words in said if words not in text]
+    assert (type(task.operator), task.downlink) == (ig.operators.Reach, task.uplink)
 
 
 def test_rules_of_authority_hold_for_any_action_and_channel():
@@ -111,7 +111,7 @@ def test_stuck_object_is_settled_under_an_oscillating_tool():
     assert (info["status"][0], info["object_velocity"][0], info["slide"][0]) == ("ok", 0.0, 0.0)
 
 
-@pytest.mark.parametrize("rtol", [1e-4, 1e-5, 1e-6, 1e-8])
+@pytest.mark.parametrize("rtol", [1e-4, 1e-6, 1e-8])
 def test_tool_at_rest_has_equal_forces_on_both_sides(rtol):
     batch = steered(HESITANT, uplink=CHANNEL | {"loss": 0.0}, rtol=rtol, **SNAPPING)
     batch.begin_seeded(4_000_240, {})
@@ -155,34 +155,32 @@ def test_replay_that_touches_nothing_ends_after_the_recording():
 def test_replay_of_a_persons_commands_repeats_their_episode(delay):
     def assist(batch):
         command, alarm = (batch.episodes["sensors"][name] for name in ("command", "alarm"))
-        return np.stack([np.cos(4.0 * command), np.full(batch.size, 0.3), alarm - 0.5], axis=1)
+        batch.step(np.stack([np.cos(4.0 * command), np.full(batch.size, 0.3), alarm - 0.5], axis=1), batch.ended)
 
     task = {"uplink": {"delay": delay, "jitter": 0.2 * delay}, "scenario": {"distance": (0.1, 0.6)}}
     batch, rng = steered(ig.operators.Person(), 20, **task), np.random.default_rng(3)
-    batch.begin_seeded(3, {})
     commands = [[0.0] for _ in range(20)]
+    batch.begin_seeded(3, {})
     while not batch.ended.all():
         if rng.random() < 0.25:  # persons move and release their sticks at random
             batch.set_operator_velocity(rng.uniform(-0.1, 0.4, 20) * (rng.random(20) < 0.95))
-        batch.step(assist(batch), batch.ended)
+        assist(batch)
         for row in np.flatnonzero(batch.links["packets"] > list(map(len, commands))):  # a step to an alarm sends none
             commands[row].append(float(batch.links["person_command"][row]))
-    expected = batch.info()
     times, length = [0.016 * np.arange(len(each)) for each in commands], 0.016 * 600
     several = {
         "type": "Replay", "time": [time for k, each in enumerate(times) for time in k * length + each],
         "velocity": [velocity for each in commands for velocity in each], "length": length, "recording": (0, 20),
     }  # fmt: skip
-    among = steered(several, **task)
-    for row, (ticks, velocities) in enumerate(zip(times, commands, strict=True)):
-        alone = steered(ig.operators.Replay(tuple(ticks), tuple(velocities)), **task)
-        for other, record in ((alone, {}), (among, {"operator.recording": row + 0.5})):
-            other.begin_seeded(3 + row, record)
-            while not other.ended[0]:
-                other.step(assist(other), other.ended)
-            for name in ("object_velocity", "slide", "done_time", "peak_force", "taken", "rest_time"):
-                assert other.info()[name][0] == expected[name][row], (row, name)
-    assert len({*expected["peak_force"]}) > 10
+    among, alone = steered(several, 20, **task), steered(ig.operators.Replay((*times[0],), (*commands[0],)), **task)
+    among.begin_seeded(3, {"operator.recording": np.arange(20) + 0.5})
+    alone.begin_seeded(3, {})
+    for name in ("object_velocity", "slide", "done_time", "peak_force", "taken", "rest_time"):
+        for other in (among, alone):
+            while not other.ended.all():
+                assist(other)
+            assert np.array_equal(other.info()[name], batch.info()[name][: other.size]), name
+    assert len({*batch.info()["peak_force"]}) > 10
 
 
 def test_command_of_a_person_is_checked_and_sent_at_the_next_tick():
@@ -204,16 +202,14 @@ def test_command_of_a_person_is_checked_and_sent_at_the_next_tick():
 
 @pytest.mark.parametrize("gain", [1.0, 0.4])
 def test_steered_episode_ends_by_its_rules(gain):
-    batch, total, going = Batch(10, Task(**IDS[TELEOP]), threads=1), np.zeros(10), np.ones(10, bool)
-    for each in played(batch, [2.0 * gain - 1.0, 0.5, -1.0]):
-        total[going] += each.rewards[going]
-        going = ~each.ended
-    info = batch.info()
-    assert total == pytest.approx(sum(info["reward_terms"].values()), rel=1e-12)
+    batch = Batch(10, Task(**IDS[TELEOP]), threads=1)
+    info = final(batch, [2.0 * gain - 1.0, 0.5, -1.0])
     assert info["taken"] == pytest.approx(1.0 - gain, abs=1e-6)
-    assert (info["missed"] | (batch.chains["object_state"] == 1) | (np.abs(info["done_time"] - 8.0) < 1e-6)).all()
-    rested = ~info["missed"] & (info["done_time"] < 7.9)
-    assert {*(batch.chains["object_rest_time"] <= info["done_time"])[rested].tolist()} == {True}
+    stuck, timed_out = batch.chains["object_state"] == 1, np.abs(info["done_time"] - 8.0) < 1e-6
+    assert (info["missed"] | stuck | timed_out).all()
+    early = ~info["missed"] & ~timed_out
+    assert (batch.chains["object_rest_time"] <= info["done_time"])[early].all()
+    assert early.any()
     assert {row.id for row in STEERED} <= info.keys()
 
 
