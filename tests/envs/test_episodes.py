@@ -180,7 +180,7 @@ def needs_reset(call, remedy="reset"):
     partial(gym.make, ID), partial(gym.make_vec, ID), partial(ImpactVecEnv, 2), ImpactApproachEnv,
     partial(gym.make, TELEOP, operator={"type": "Person"}),
 ], ids=["single", "vector", "stable", "by itself", "operator"])  # fmt: skip
-def test_calls_before_the_first_reset_and_after_the_end_are_refused(make):
+def test_calls_before_a_reset_and_after_the_end_are_refused(make):
     env = make()
     single, bare = isinstance(env, gym.Env), env.unwrapped
     action = np.zeros(env.action_space.shape if not isinstance(env, ImpactVecEnv) else (2, 2), np.float32)

@@ -43,7 +43,7 @@ def test_observations_before_the_touch_do_not_show_the_object():
     assert differ > 100
 
 
-def test_force_readings_are_not_negative_and_their_bias_is_normal():
+def test_force_readings_are_never_negative_with_a_normal_bias():
     assert not at_rest(5, 2000)[..., FORCE].any()
     noise = SPEC.decode(at_rest(9, 2000, force_noise=0.3), "force")
     assert noise.min() == 0.0

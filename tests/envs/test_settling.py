@@ -126,9 +126,10 @@ def check_sensors(env, seen):
     assert now["time_since_alarm"] == (now["time"] - state.alarm if now["alarm"] else 0.0)
     peak = spec.index("force_peak")
     assert seen[-1][peak] >= max(seen[-1][spec.index("force")], seen[len(seen) > 1 and -2][peak]) - 1e-6
+    info = env.episode_info()
+    assert not info["missed"]  # not yet
     if task.alarm == "force":
-        record = env.episode_info()["record"]
-        assert state.alarm == state.detection + record["reaction_delay"]
+        assert state.alarm == state.detection + info["record"]["reaction_delay"]
     else:  # a switch shortens a step; then it may bring no reading or two
         for before in range(1, min(task.past_readings, len(seen) - 1) + 1):
             for name in ("force", "deflection") if task.deflection_sensor else ("force",):

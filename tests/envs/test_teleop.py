@@ -183,7 +183,7 @@ def test_replay_of_a_persons_commands_repeats_their_episode(delay):
     assert len({*batch.info()["peak_force"]}) > 10
 
 
-def test_command_of_a_person_is_checked_and_sent_at_the_next_tick():
+def test_command_of_a_person_is_checked_and_sent_at_a_tick():
     env = gym.make(TELEOP, operator={"type": "Person"}).unwrapped
     env.reset(seed=1)
     for wrong in (math.nan, 0.51, -0.31, "fast", None):
