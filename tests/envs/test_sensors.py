@@ -71,12 +71,13 @@ def test_bodies_are_where_the_trace_ends(coupling):
 
 
 @pytest.mark.parametrize("coupling", [{"type": "Rigid"}, {"type": "SpringDamper", "stiffness": 50.0}])
-@pytest.mark.parametrize("delay", [0.0, 0.016, 0.04, 0.048])
+@pytest.mark.parametrize("delay", [0.0, 0.021, 0.05, 0.084])
 def test_exact_range_sensor_reads_the_gap_of_the_trace_late(delay, coupling):
-    env = gym.make(ID, range_sensor=RangeSensor(delay=delay), coupling=coupling, record_trace=True).unwrapped
+    period, sensor = 0.021, RangeSensor(delay=delay)  # sums of this period are rounded down
+    env = gym.make(ID, range_sensor=sensor, coupling=coupling, control_period=period, record_trace=True).unwrapped
     seen = [[env.sensors()[name] for name in ("time", "range", "range_age")] for _ in steps(env, Always(0.8, 10.0), 3)]
     (time, gap, age), trace = np.array(seen).T, env.trace()
-    late = -(-np.round(delay / 0.016, 9) // 1) * 0.016  # whole periods
+    late = -(-np.round(delay / period, 9) // 1) * period  # whole periods
     arrived = time >= late - 1e-9
     assert np.isinf([gap[~arrived], age[~arrived]]).all()
     before = arrived & (time < env.episode_info()["approach_time"])  # then steps are whole periods
@@ -113,20 +114,21 @@ def test_range_sensor_has_the_given_noise_bias_and_dropouts():
 
 @pytest.mark.parametrize(("threshold", "sigma"), [(1.0, 0.5), (2.0, 2.0), (4.0, 5.0)])
 def test_false_alarms_are_as_frequent_as_noise_above_threshold(threshold, sigma):
-    rows, ticks, last, again = 1500, 40, 9, 0  # of 16 ms; `last` is shorter than an alarm
-    seen = at_rest(ticks, rows, force_noise=sigma, alarm_threshold=threshold, **READING)
+    rows, ticks, last, again, period = 1500, 40, 7, 0, 0.021  # an alarm lasts `last` steps; their sums are rounded down
+    options = {"alarm_threshold": threshold, "control_period": period, "after_alarm": last * period, **READING}
+    seen = at_rest(ticks, rows, force_noise=sigma, **options)
     share, first = stats.norm.sf(threshold / sigma), seen[:last, :, ALARM].mean(axis=1)
     expected = 1.0 - (1.0 - share) ** np.arange(1, last + 1)
     assert (np.abs(first - expected) < 4.0 * np.sqrt(expected * (1.0 - expected) / rows)).all()
-    on, values, since = seen[:, :, ALARM] > 0.5, SPEC.decode(seen, "force"), 0.15 * seen[:, :, SINCE]
+    on, values, since = seen[:, :, ALARM] > 0.5, SPEC.decode(seen, "force"), last * period * seen[:, :, SINCE]
     raised, over = np.full(rows, np.inf), np.zeros(rows, bool)
     for tick in range(ticks):
-        ends = 0.016 * (tick - raised) > 0.15 - 1e-9
+        ends = tick - raised >= last
         raised[ends], over = np.inf, over | ends
         begins = np.isinf(raised) & (values[tick] > threshold)
         raised[begins], again = tick, again + np.sum(begins & over)
         assert np.array_equal(on[tick], np.isfinite(raised))
-        assert since[tick, on[tick]] == pytest.approx(0.016 * (tick - raised[on[tick]]), abs=1e-6)
+        assert since[tick, on[tick]] == pytest.approx(period * (tick - raised[on[tick]]), abs=1e-6)
     assert again > 100
 
 
