@@ -5,7 +5,7 @@ import pickle
 import warnings
 from functools import partial
 from inspect import signature
-from itertools import product
+from itertools import product, repeat
 
 import gymnasium as gym
 import numpy as np
@@ -13,6 +13,7 @@ import pytest
 import stable_baselines3.common.env_checker as sb3_checker
 from episode_runs import COMMANDED, ID, IDS, TELEOP, Given, action_table, assert_identical, begin, steps
 from gymnasium.envs.registration import EnvSpec
+from gymnasium.spaces import Box
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from hypothesis import given, settings
@@ -22,30 +23,29 @@ from refusal import refused
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 import impact_gym as ig
-from impact_gym.envs.batch import ROWS_PER_THREAD
+from impact_gym.envs.objectives import MOImpactApproachVectorEnv
 from impact_gym.envs.single import ImpactApproachEnv
 from impact_gym.envs.vector import ImpactApproachVectorEnv
 from impact_gym.sb3 import ImpactVecEnv
-from impact_gym.task import Task
-from impact_gym.task.episodes import RECORD_IDS
 from impact_gym.task.task import ARGUMENTS
 
 MODES = ["NextStep", "SameStep", "Disabled"]
-FRONT_ENDS = [*MODES, "stable-baselines3", "single"]
+MODE = {"single": "NextStep", "objectives": "SameStep"} | {mode: mode for mode in MODES}
+FRONT_ENDS = [*MODE, "stable-baselines3"]
+MO_ID = "mo-impact-approach-v0"
 HARD = {"scenario": "hard", "time_weight": (0.5, 8.0), "reaction_delay": 0.03}
 NOISY = {"range_noise": 0.01, "force_noise": 0.2, "force_bias": 0.1, "deflection_sensor": True, "privileged": True}
 UNSURE = {"uplink": CHANNEL, "privileged": True, "force_noise": (0.1, 1.0)}
-MORE = (
+MORE = {
     "coupling", "range_noise", "range_bias", "range_sensor", "reference_velocity", "operator", "uplink", "downlink",
-)  # fmt: skip
+}  # fmt: skip
 
 
 def loop_of(front, rows):
-    """A loop over single environments, of Gymnasium or stable-baselines3, with a task in each row."""
-    singles = [partial(gym.make, ID, disable_env_checker=True, **options) for options in rows]
-    if front == "stable-baselines3":
-        return DummyVecEnv(singles)
-    return SyncVectorEnv(singles, autoreset_mode="NextStep" if front == "single" else front)
+    """A loop over single environments, each made from its JSON, of Gymnasium or stable-baselines3."""
+    specs = [gym.make(ID, disable_env_checker=True, **options).spec.to_json() for options in rows]
+    singles = [partial(gym.make, EnvSpec.from_json(spec)) for spec in specs]
+    return SyncVectorEnv(singles, autoreset_mode=MODE[front]) if front in MODE else DummyVecEnv(singles)
 
 
 def made(front, rows):
@@ -53,12 +53,22 @@ def made(front, rows):
         return loop_of(front, rows)
     if front == "stable-baselines3":
         return ImpactVecEnv(len(rows), per_slot=rows, threads=1)
-    return ImpactApproachVectorEnv(len(rows), autoreset_mode=front, per_slot=rows, threads=1)
+    kind = MOImpactApproachVectorEnv if front == "objectives" else ImpactApproachVectorEnv
+    return kind(len(rows), autoreset_mode=MODE[front], per_slot=rows, threads=1)
 
 
 def stepped(front, envs, actions):
-    """What a step returns; without autoreset followed by what the reset of the ended episodes returns."""
+    """What a step returns, with its scalar reward; without autoreset also what the reset of ended episodes returns."""
+    weight = envs.batch.info()["time_weight"] if isinstance(envs, MOImpactApproachVectorEnv) else None
     returned = envs.step(actions)
+    if weight is not None:  # the sum of its vector rewards, weighted
+        seen, vectors, *flags, infos = returned
+        reward = infos.pop("original_reward")
+        assert infos.pop("_original_reward").all()
+        assert not vectors[[task.force_weight == 0.0 for task in envs.batch.tasks], 2:].any()
+        weights = [weight, np.ones_like(weight), [task.force_weight for task in envs.batch.tasks]]
+        assert np.sum(vectors.T * weights[: envs.reward_dim], axis=0) == pytest.approx(reward, abs=1e-9)
+        returned = seen, reward, *flags, infos
     if front == "Disabled" and (ended := returned[2] | returned[3]).any():
         returned += envs.reset(options={"reset_mask": ended})
     return returned
@@ -95,8 +105,9 @@ def twin_of(envs, twin, fresh, actions):
     if twin == "state" and hasattr(envs, "get_state"):
         other, state = fresh(), envs.get_state()
         envs.step(actions)
-        other.set_state(state)
-        other.step(actions)
+        for _ in range(2):
+            other.set_state(state)
+            other.step(actions)
         other.set_state(state)
         return other
     other = pickle.loads(pickle.dumps(envs)) if twin == "pickle" else copy.deepcopy(envs)
@@ -109,13 +120,11 @@ def test_every_argument_of_a_task_is_in_the_strategy():
 
 
 @pytest.mark.parametrize("front", FRONT_ENDS)
-@settings(STORM, max_examples=25)
+@settings(STORM, max_examples=14)
 @given(
     rows_of_tasks(), st.booleans(), st.integers(0, 1000), FIXED, st.sampled_from(["itself", "copy", "pickle", "state"])
 )
-def test_front_end_returns_to_the_bit_what_a_loop_over_single_environments_returns(
-    front, rows, equal, seed, fixed, twin
-):
+def test_front_end_returns_the_bits_of_a_loop_of_singles(front, rows, equal, seed, fixed, twin):
     """For any tasks and options of the first reset; a copy may replace the front end in the middle of an episode.
 
     Spaces, masks of infos and types of arrays are compared, too.
@@ -124,49 +133,37 @@ def test_front_end_returns_to_the_bit_what_a_loop_over_single_environments_retur
     exact = front == "single" or equal
     envs, loop = made(front, rows), loop_of(front, rows)
     assert (envs.observation_space, envs.action_space) == (loop.observation_space, loop.action_space)
-    assert_identical(*(begin(each, seed, fixed) for each in (envs, loop)))
-    replaced, actions = twin == "itself", action_table(seed, 160, 3, lean=(-0.6, 0.6), task=rows[0])
+    options = [fixed, {}, fixed or {}] if front == "stable-baselines3" and fixed else fixed
+    assert_identical(*(begin(each, seed, options) for each in (envs, loop)))
+    kept = []
+    replaced, actions = twin == "itself", action_table(seed, 125, 3, lean=(-0.6, 0.6), task=rows[0])
     for tick, row in enumerate(actions):
         returned = stepped(front, envs, row)
+        kept.append((returned, copy.deepcopy(returned)))
         assert_alike(returned, stepped(front, loop, row), exact)
         if not replaced and tick >= (53 if returned[2].any() else 80):
             envs, replaced = twin_of(envs, twin, partial(made, front, rows), np.ones_like(row)), True
+    assert_identical(*(begin(each) for each in (envs, loop)))  # seed and options were of the first reset
+    assert_identical(*zip(*kept, strict=True))  # returned arrays are never written again
     if front in MODES:
         assert envs.np_random_seed == loop.np_random_seed
         for number, env in enumerate(loop.envs):
             assert env.unwrapped.sensors() == {name: column[number] for name, column in envs.sensors().items()}
 
 
-@settings(STORM, max_examples=40)
-@given(rows_of_tasks(count=1), st.integers(0, 1000))
-def test_episode_is_repeated_from_its_record_and_by_a_task_with_its_numbers(rows, seed):
-    (options,) = rows
-    actions = action_table(seed, 200, 1, lean=(0.3, 0.6), task=options)[:, 0]
-    env = gym.make(ID, **options)
-    first = [*steps(env, Given(actions), seed)]
-    info = env.unwrapped.episode_info()
-    for elsewhere in (env, gym.make(ID, **options | {"scenario": "hard"})):
-        assert_identical([*steps(elsewhere, Given(actions), record=info["record"])][1:], first[1:])
-    task = Task(**options).at(info["record"])
-    assert task.drawn == {}
-    fixed = options | {name: getattr(task, name) for name in {path.partition(".")[0] for path in Task(**options).drawn}}
-    assert Task(**fixed) == task
-    if not (options["privileged"] and Task(**options).drawn):  # a critic observes what is drawn
-        alone, rest = gym.make(ID, **fixed), {name: info["record"][name] for name in RECORD_IDS}
-        again = [*steps(alone, Given(actions), record=rest)]
-        assert_identical([step[:4] for step in again[1:]], [step[:4] for step in first[1:]])
-        assert_identical(alone.unwrapped.episode_info(), info | {"record": rest})
-
-
-def test_results_do_not_depend_on_the_number_of_threads():
-    size, spring = 3 * ROWS_PER_THREAD, {"type": "SpringDamper", "stiffness": (40.0, 60.0), "damping_ratio": 1.0}
-    options = {"coupling": spring, "force_noise": 0.1, "horizon": 0.4, "scenario": {"distance": 0.1}}
-    actions, results = action_table(6, 28, size, lean=(0.3, 0.6)), []
-    for threads in (1, 3):
-        envs = ImpactApproachVectorEnv(size, threads=threads, **options)
-        results.append([envs.reset(seed=1), *(envs.step(row) for row in actions)])
-    assert_identical(*results)
-    assert sum(result[2].sum() for result in results[0][1:]) > size // 2
+@pytest.mark.parametrize("options", [{"force_weight": 0.01}, {"time_weight": (0.5, 8.0), "missed_cost": 3.0}], ids=str)
+def test_vector_rewards_are_time_v_p_or_miss_and_force(options):
+    env = gym.make(MO_ID, **options).unwrapped
+    assert env.reward_dim == 2 + ("force_weight" in options)
+    assert env.reward_space == Box(-np.inf, 0.0, (env.reward_dim,), np.float64)
+    for seed, velocity in product(range(8), (-1.0, 0.0, 1.0)):
+        apart = [step[1] for step in steps(env, Given(repeat(np.float32([velocity, 1.0]))), seed)][1:]
+        info, total = env.episode_info(), np.sum(apart, axis=0)
+        ends = (0.0, env.task.missed_cost) if info["missed"] else (info["peak_force"], info["object_velocity"])
+        expected = [info["approach_time"], *ends[::-1]][: env.reward_dim]
+        assert -total == pytest.approx(expected, rel=1e-12)
+        assert not np.array(apart)[:-1, 1:].any()
+        assert (total >= env.reference_point - 1e-12).all()
 
 
 @pytest.mark.parametrize(
@@ -174,7 +171,7 @@ def test_results_do_not_depend_on_the_number_of_threads():
     [*product(IDS, ({}, HARD)), (f"impact_gym:{ID}", NOISY), *product([TELEOP], ({}, UNSURE))],
     ids=str,
 )
-def test_checkers_of_gymnasium_and_stable_baselines3_find_nothing(id, options):
+def test_checkers_of_gymnasium_and_sb3_find_nothing(id, options):
     for name in ("reset", "step"):
         own, theirs = (signature(getattr(kind, name)).parameters for kind in (ImpactApproachEnv, gym.Env))
         assert [(each.name, each.kind) for each in own.values()] == [(each.name, each.kind) for each in theirs.values()]
@@ -186,44 +183,29 @@ def test_checkers_of_gymnasium_and_stable_baselines3_find_nothing(id, options):
     assert [str(warning.message) for warning in caught] == []
 
 
-@settings(STORM, max_examples=30)
-@given(st.sampled_from(IDS), rows_of_tasks(count=1), st.sampled_from(MODES))
-def test_environment_made_from_its_json_is_the_same(id, rows, mode):
-    (options,) = rows
-    options = ({"range_noise": None} if "range_sensor" in options else {}) | options  # some ids have an estimate
-    actions = action_table(3, 200, task=gym.spec(id).kwargs | options)
-    env = gym.make(id, **options)
-    again = gym.make(EnvSpec.from_json(env.spec.to_json()))
-    assert_identical(*([*steps(each, Given(actions[:, 0]), seed=3)] for each in (env, again)))
-    envs = gym.make_vec(id, num_envs=4, autoreset_mode=mode, **options)
-    again = gym.make_vec(EnvSpec.from_json(envs.spec.to_json()))
-    assert again.num_envs == 4
-    assert again.metadata["autoreset_mode"] is AutoresetMode(mode)
-    assert_identical(again.reset(seed=3), envs.reset(seed=3))
+@pytest.mark.filterwarnings("ignore:.*different from the unwrapped version")
+def test_mo_gymnasium_weighs_the_rewards_to_the_scalar_one():
+    mo_gym = pytest.importorskip("mo_gymnasium")
+    for name in (name for name in gym.registry if name.startswith("mo-impact-")):
+        scalar = gym.wrappers.TransformReward(mo_gym.make(name), lambda rewards: float(rewards @ [2.0, 1.0]))
+        check_env(scalar, skip_render_check=True)
+        linear = mo_gym.wrappers.LinearReward(mo_gym.make(name), weight=np.array([2.0, 1.0]))
+        linear.reset(seed=0)
+        _, reward, _, _, info = linear.step(linear.action_space.sample())
+        assert reward == pytest.approx(info["original_reward"])
 
 
-def test_seed_and_options_of_stable_baselines3_apply_to_the_next_reset_alone():
-    envs, loop = (make("stable-baselines3", [NOISY] * 3) for make in (made, loop_of))
-    for seed, distances in ((17, [0.17, 0.22, 0.31]), (None, []), (3, [])):
-        for each in (envs, loop) if distances else ():
-            each.set_options([{"scenario": {"distance": distance}} for distance in distances])
-        assert seed is None or envs.seed(seed) == loop.seed(seed)
-        assert_identical((envs.reset(), envs.reset_infos), (loop.reset(), [{}] * 3))
-        assert envs.envs.batch.info()["scenario"]["distance"].tolist() == distances or not distances
-        for row in action_table(6, 90, 3, lean=(0.3, 0.6)):
-            assert_alike(envs.step(row), loop.step(row), True)
-
-
-def test_episode_that_ends_by_itself_on_the_last_allowed_step_has_the_flags_of_gymnasium():
-    envs, loop = (make("NextStep", [{"max_episode_steps": 75}]) for make in (made, loop_of))
-    envs.reset(seed=0), loop.reset(seed=0)
+@pytest.mark.parametrize("front", FRONT_ENDS)
+def test_episode_that_ends_on_the_last_step_has_usual_flags(front):
+    envs, loop = (make(front, [{"max_episode_steps": 75}]) for make in (made, loop_of))
+    begin(envs, seed=0), begin(loop, seed=0)
     for _ in range(75):
-        result, expected = (each.step(np.float32([[-0.5, 1.0]])) for each in (envs, loop))
+        result, expected = (stepped(front, each, np.float32([[-0.5, 1.0]])) for each in (envs, loop))
     assert result[2].all()
-    assert_identical(result[:4], expected[:4])
+    assert_alike(result, expected, True)
 
 
-def test_seeds_and_reset_mask_affect_only_the_slots_that_they_name():
+def test_seeds_and_reset_mask_affect_only_their_slots():
     envs, loop = (make("Disabled", [{}] * 3) for make in (made, loop_of))
     assert_identical(envs.reset(seed=[30, 8, 30])[0], loop.reset(seed=[30, 8, 30])[0])
     rows, mask = action_table(4, 14, 3), np.array([False, True, False])
@@ -235,37 +217,33 @@ def test_seeds_and_reset_mask_affect_only_the_slots_that_they_name():
         after, _ = envs.reset(seed=seed, options={**options, "reset_mask": mask})
         assert_identical(after, loop.reset(seed=seed, options={**options, "reset_mask": mask.copy()})[0])
         assert np.array_equal(after[~mask], before[~mask])
-    envs = made("NextStep", [NOISY] * 3)
+    assert_identical(envs.reset()[0], loop.reset()[0])  # each slot goes on with its own generator
+    envs = gym.make_vec(ID, num_envs=3, autoreset_mode="SameStep", **NOISY)
+    envs = gym.make_vec(EnvSpec.from_json(envs.spec.to_json()))
+    assert (envs.num_envs, envs.metadata["autoreset_mode"]) == (3, AutoresetMode.SAME_STEP)
     assert_identical(envs.reset(), envs.reset(seed=list(envs.np_random_seed)))
 
 
-def test_slot_that_was_never_reset_or_has_ended_without_autoreset_must_be_reset_first():
-    envs = gym.make_vec(ID, num_envs=2, autoreset_mode="Disabled", max_episode_steps=2)
-    action, first, second = np.zeros((2, 2), np.float32), np.array([True, False]), np.array([False, True])
-    for remedy in ("reset", "reset_mask"):
-        envs.reset(seed=0, options={"reset_mask": first})
-        with pytest.raises(gym.error.ResetNeeded, match=remedy):
-            envs.step(action)
-        envs.reset(options={"reset_mask": second})
-        assert not envs.step(action)[3].any()
-        assert envs.step(action)[3].all()
-
-
-@pytest.mark.parametrize("make", [gym.make, gym.make_vec, ImpactVecEnv])
+@pytest.mark.parametrize("make", [partial(gym.make, ID), partial(gym.make_vec, ID), partial(ImpactVecEnv, 2)])
 def test_set_scenario_applies_from_the_next_episode_on(make):
-    env = ImpactVecEnv(2, scenario={"distance": 0.2}) if make is ImpactVecEnv else make(ID, scenario={"distance": 0.2})
-    bare, other = getattr(env.unwrapped, "envs", env.unwrapped), {"distance": 0.3, "object_mass": (1.0, 1.1)}
+    env = make(scenario={"distance": 0.2})
+    bare, other = env.unwrapped, {"distance": 0.3, "object_mass": (1.0, 1.1)}
     for expected in (0.2, 0.3, 0.3):
         begin(env, seed=0)
-        env.unwrapped.set_scenario(other)
-        scenario = (bare.episode_info() if make is gym.make else bare.batch.info(0))["scenario"]
+        bare.set_scenario(other)
+        batch = getattr(bare, "_batch", None) or getattr(bare, "envs", bare).batch
+        scenario = batch.info(0)["scenario"]
         assert (scenario["distance"], 1.0 <= scenario["object_mass"] <= 1.1) == (expected, expected == 0.3)
-    if make is ImpactVecEnv:
-        env.env_method("set_scenario", {"distance": 0.4})
-        env.reset()
-        assert bare.batch.info(0)["scenario"]["distance"] == 0.4
-        assert (env.get_attr("render_mode"), env.env_is_wrapped(gym.Wrapper)) == ([None] * 2, [False] * 2)
-        refused(lambda: env.env_method("set_scenario", "hard", indices=[0]), "set_scenario", "indices", "[0]")
-        assert env.env_method("sensors") == [{name: of[row] for name, of in bare.sensors().items()} for row in (0, 1)]
-        with pytest.raises(IndexError, match="size 2"):
-            env.get_attr("render_mode", 2)
+
+
+def test_methods_of_the_batch_for_sb3_are_those_of_all_slots():
+    env = ImpactVecEnv(2)
+    env.env_method("set_scenario", {"distance": 0.4})
+    env.reset()
+    assert env.envs.batch.info()["scenario"]["distance"].tolist() == [0.4, 0.4]
+    assert (env.get_attr("render_mode"), env.env_is_wrapped(gym.Wrapper)) == ([None] * 2, [False] * 2)
+    refused(lambda: env.env_method("set_scenario", "hard", indices=[0]), "set_scenario", "indices", "[0]")
+    own = env.envs.sensors()
+    assert env.env_method("sensors") == [{name: values[row] for name, values in own.items()} for row in (0, 1)]
+    with pytest.raises(IndexError, match="size 2"):
+        env.get_attr("render_mode", 2)

@@ -5,7 +5,7 @@ import math
 import gymnasium as gym
 import numpy as np
 import pytest
-from episode_runs import AWAY, GENTLE, OWN, STOP, TELEOP, final, played, scene, sent, steered
+from episode_runs import AWAY, GENTLE, OWN, STOP, TELEOP, final, played, scene, steered
 from random_tasks import CHANNEL, STEERED_DRAWN
 from refusal import refused
 from solver_scenes import log_uniform
@@ -16,15 +16,14 @@ from impact_gym.envs.batch import Batch
 from impact_gym.physics.impact import GRAVITY
 from impact_gym.quantities import STEERED
 from impact_gym.task import Task
-from impact_gym.teleop.operators import SIMPLE_REACTION
 
 COUPLINGS = (ig.Rigid(), ig.SpringDamper(50.0), ig.Bistable())
 
 
 @pytest.mark.parametrize("coupling", COUPLINGS, ids=lambda each: type(each).__name__)
-def test_stop_sent_at_the_touch_is_the_papers_brake_with_the_delay_of_the_channel(coupling):
+def test_stop_sent_at_the_touch_is_the_papers_brake(coupling):
     random = np.random.default_rng(3)
-    for _ in range(70):
+    for _ in range(25):
         delay, friction = random.uniform([0.0, 0.1], [0.3, 0.5]).tolist()
         numbers = {"object_mass": log_uniform(random, 0.1, 2.5), "contact_stiffness": log_uniform(random, 1e3, 1e6),
                    "restitution": random.uniform(0.1, 1.0), "distance": random.uniform(0.2, 0.8)}  # fmt: skip
@@ -38,30 +37,28 @@ def test_stop_sent_at_the_touch_is_the_papers_brake_with_the_delay_of_the_channe
 
 
 def test_task_of_the_id_is_that_of_its_docstring():
-    env = gym.make("ImpactTeleop-v0").unwrapped
+    env = gym.make(TELEOP).unwrapped
     text, task = " ".join(env.__doc__.split()), env.task
     (near, far), (low, high) = task.scenario.distance, task.ranges["friction"]
-    assert f"The object is {near:g} to {far:g} m ahead" in text
-    assert f"coefficient of friction on the ground is {low:g} to {high:g}." in text
-    assert f"lasted {task.horizon:g} s (`horizon`)" in text
-    assert f"has the operator `{type(task.operator).__name__}`, and channels" in text
-    for channel in (task.uplink, task.downlink):
-        assert f"with a delay of {channel.delay:g} s each way" in text
+    said = [f"{near:g} to {far:g} m ahead", f"friction on the ground is {low:g} to {high:g}.", "operator `Reach`",
+            f"lasted {task.horizon:g} s", f"a delay of {task.uplink.delay:g} s each way"]  # fmt: skip
+    assert not [words for words in said if words not in text]
+    assert (type(task.operator), task.downlink) == (ig.operators.Reach, task.uplink)
 
 
 def test_rules_of_authority_hold_for_any_action_and_channel():
     rng = np.random.default_rng(1)
     for options in STEERED_DRAWN.values():
-        batch = Batch(512, Task(**options | {"robot": None, "acceleration_range": (1.0, 20.0)}), threads=1)
+        batch = Batch(256, Task(**options | {"robot": None, "acceleration_range": (1.0, 20.0)}), threads=1)
         batch.begin_seeded(7, {})
-        still = np.zeros(512)
+        still = np.zeros(256)
         for _ in range(180):
             begun = np.flatnonzero(batch.ended)
             if len(begun):
                 batch.begin(begun, rng.random((len(begun), 11)))
                 still[begun] = 0.0
             before, now = batch.links["expired"].copy(), batch.chains["time"].copy()
-            batch.step(rng.uniform(-1.5, 1.5, (512, 3)), np.zeros(512, bool))
+            batch.step(rng.uniform(-1.5, 1.5, (256, 3)), np.zeros(256, bool))
             sensors, links = batch.episodes["sensors"], batch.links
             command, executed = links["effective"], sensors["executed"]
             free = now - links["alarmed"] > 0.15 + 0.1
@@ -69,6 +66,10 @@ def test_rules_of_authority_hold_for_any_action_and_channel():
             assert (executed[free] * command[free] >= 0.0).all()
             assert (np.abs(executed - command) <= np.abs(command) + 0.3 + 1e-12).all()
             assert (executed[command == 0.0] == 0.0).all()
+            columns = batch.link_columns()
+            assert (columns["is_intervention"] == (np.abs(executed - command) > 1e-3)).all()
+            assert (columns["teleop_action"][:, 0] == command).all()
+            assert (columns["intervene_action"][:, 0] == executed).all()
             silent = (links["expired"] == 1) & (before == 1)  # during the whole step
             assert (executed[silent] == 0.0).all()
             still = np.where(silent | (command == 0.0), still + 0.016, 0.0)
@@ -76,7 +77,7 @@ def test_rules_of_authority_hold_for_any_action_and_channel():
 
 
 @pytest.mark.parametrize("alarm", ["force", "reading"])
-def test_withdrawal_is_constant_for_0_15_seconds_after_the_alarm_and_then_ends_linearly_in_0_1(alarm):
+def test_withdrawal_is_constant_and_then_ends_linearly(alarm):
     task = {"alarm": alarm, "scenario": {"distance": 0.1}, "coupling": ig.Rigid()}
     batch, back = steered(ig.operators.Trapezoid(0.5, reaction=1.0), **task), []
     for _ in played(batch, OWN):
@@ -96,7 +97,7 @@ HESITANT = {"type": "Reach", "place_error": [-0.05, 0.05], "creep": [0.05, 0.15]
 SNAPPING = {"coupling": ig.Bistable(), "friction": (0.1, 0.5), "scenario": {"distance": [0.2, 0.8]}}
 
 
-def test_object_that_sticks_is_settled_although_the_tool_still_oscillates_against_it():
+def test_stuck_object_is_settled_under_an_oscillating_tool():
     # hardly anything damps this contact: the tool still oscillates after 10 s, with a force far below the friction
     lags = {way: {"delay": [0.0, 0.2], "jitter": 0.005} for way in ("uplink", "downlink")}
     batch = steered(HESITANT, **lags, **SNAPPING)
@@ -110,8 +111,8 @@ def test_object_that_sticks_is_settled_although_the_tool_still_oscillates_agains
     assert (info["status"][0], info["object_velocity"][0], info["slide"][0]) == ("ok", 0.0, 0.0)
 
 
-@pytest.mark.parametrize("rtol", [1e-4, 1e-5, 1e-6, 1e-8])
-def test_tool_that_rests_against_an_object_for_seconds_has_equal_forces_of_mechanism_and_contact(rtol):
+@pytest.mark.parametrize("rtol", [1e-4, 1e-6, 1e-8])
+def test_tool_at_rest_has_equal_forces_on_both_sides(rtol):
     batch = steered(HESITANT, uplink=CHANNEL | {"loss": 0.0}, rtol=rtol, **SNAPPING)
     batch.begin_seeded(4_000_240, {})
     for step in range(470):
@@ -126,7 +127,7 @@ def test_tool_that_rests_against_an_object_for_seconds_has_equal_forces_of_mecha
 
 
 @pytest.mark.parametrize("coupling", COUPLINGS, ids=lambda each: type(each).__name__)
-def test_tool_pushes_an_object_for_seconds_at_its_own_speed_with_the_force_of_friction(coupling):
+def test_tool_pushes_an_object_with_the_force_of_friction(coupling):
     dull = {"object_mass": (0.3, 1.0), "restitution": (0.1, 0.4), "distance": 0.2}
     operator = {"type": "Trapezoid", "speed": (0.1, 0.4), "reaction": 9.0}
     batch = steered(operator, 50, coupling=coupling, horizon=7.0, scenario=dull)
@@ -141,18 +142,7 @@ def test_tool_pushes_an_object_for_seconds_at_its_own_speed_with_the_force_of_fr
     assert speed[pressed] == pytest.approx(drawn["operator"]["speed"][pressed], rel=1e-3)
 
 
-def test_arm_stops_within_timeout_delay_and_braking_once_the_channel_is_dead():
-    batch = steered(ig.operators.Trapezoid(0.5), uplink={"delay": 0.1, "timeout": 0.07}, scenario=AWAY)
-    *_, _ = played(batch, OWN, steps=40)
-    assert batch.episodes["sensors"]["velocity"][0] == 0.5
-    begun, arrives = batch.chains["time"][0], batch.packets["arrives"]
-    arrives[arrives > begun] = batch.links["next_arrival"] = batch.links["next_sent"] = math.inf  # in transit, too
-    while batch.episodes["sensors"]["velocity"][0] != 0.0:
-        batch.step(np.array([OWN]), batch.ended)
-    assert 0.5 / 20.0 < batch.chains["time"][0] - begun <= 0.07 + 0.5 / 20.0 + 0.016
-
-
-def test_episode_of_a_replay_that_touches_nothing_ends_after_the_recording():
+def test_replay_that_touches_nothing_ends_after_the_recording():
     operator = ig.operators.Replay((0.0, 0.5, 1.0, 1.1), (0.0, -0.2, 0.3, 0.0))
     info = final(steered(operator, scenario=AWAY), [0.0, *OWN[1:]])  # half of each command
     assert info["missed"][0]
@@ -162,46 +152,41 @@ def test_episode_of_a_replay_that_touches_nothing_ends_after_the_recording():
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.05])
-def test_replay_of_a_persons_commands_is_the_same_episode_to_the_bit_alone_and_among_several(delay):
+def test_replay_of_a_persons_commands_repeats_their_episode(delay):
     def assist(batch):
         command, alarm = (batch.episodes["sensors"][name] for name in ("command", "alarm"))
-        return np.stack([np.cos(4.0 * command), np.full(batch.size, 0.3), alarm - 0.5], axis=1)
+        batch.step(np.stack([np.cos(4.0 * command), np.full(batch.size, 0.3), alarm - 0.5], axis=1), batch.ended)
 
     task = {"uplink": {"delay": delay, "jitter": 0.2 * delay}, "scenario": {"distance": (0.1, 0.6)}}
     batch, rng = steered(ig.operators.Person(), 20, **task), np.random.default_rng(3)
-    batch.begin_seeded(3, {})
     commands = [[0.0] for _ in range(20)]
+    batch.begin_seeded(3, {})
     while not batch.ended.all():
         if rng.random() < 0.25:  # persons move and release their sticks at random
             batch.set_operator_velocity(rng.uniform(-0.1, 0.4, 20) * (rng.random(20) < 0.95))
-        batch.step(assist(batch), batch.ended)
+        assist(batch)
         for row in np.flatnonzero(batch.links["packets"] > list(map(len, commands))):  # a step to an alarm sends none
             commands[row].append(float(batch.links["person_command"][row]))
-    expected = batch.info()
     times, length = [0.016 * np.arange(len(each)) for each in commands], 0.016 * 600
     several = {
         "type": "Replay", "time": [time for k, each in enumerate(times) for time in k * length + each],
         "velocity": [velocity for each in commands for velocity in each], "length": length, "recording": (0, 20),
     }  # fmt: skip
-    among = steered(several, **task)
-    for row, (ticks, velocities) in enumerate(zip(times, commands, strict=True)):
-        alone = steered(ig.operators.Replay(tuple(ticks), tuple(velocities)), **task)
-        for other, record in ((alone, {}), (among, {"operator.recording": row + 0.5})):
-            other.begin_seeded(3 + row, record)
-            while not other.ended[0]:
-                other.step(assist(other), other.ended)
-            for name in ("object_velocity", "slide", "done_time", "peak_force", "taken", "rest_time"):
-                assert other.info()[name][0] == expected[name][row], (row, name)
-    assert len({*expected["peak_force"]}) > 10
+    among, alone = steered(several, 20, **task), steered(ig.operators.Replay((*times[0],), (*commands[0],)), **task)
+    among.begin_seeded(3, {"operator.recording": np.arange(20) + 0.5})
+    alone.begin_seeded(3, {})
+    for name in ("object_velocity", "slide", "done_time", "peak_force", "taken", "rest_time"):
+        for other in (among, alone):
+            while not other.ended.all():
+                assist(other)
+            assert np.array_equal(other.info()[name], batch.info()[name][: other.size]), name
+    assert len({*batch.info()["peak_force"]}) > 10
 
 
-def test_command_of_a_person_is_refused_outside_the_range_of_the_arm_and_sent_at_the_end_of_a_step():
+def test_command_of_a_person_is_checked_and_sent_at_a_tick():
     env = gym.make(TELEOP, operator={"type": "Person"}).unwrapped
-    for call in (lambda: env.command(0.1), env.sensors, env.episode_info):
-        with pytest.raises(gym.error.ResetNeeded, match="reset"):
-            call()
     env.reset(seed=1)
-    for wrong in (math.nan, math.inf, 0.51, -0.31, "fast", None):
+    for wrong in (math.nan, 0.51, -0.31, "fast", None):
         refused(lambda wrong=wrong: env.command(wrong), "command", str(wrong))
     refused(lambda: env.command([0.1, 0.2]), "command", "m/s", "shape (1,), got shape (2,)")
     refused(lambda: gym.make(TELEOP).unwrapped.command(0.1), "operator", "Person")
@@ -216,21 +201,19 @@ def test_command_of_a_person_is_refused_outside_the_range_of_the_arm_and_sent_at
 
 
 @pytest.mark.parametrize("gain", [1.0, 0.4])
-def test_steered_episode_ends_by_its_rules_and_its_rewards_add_up(gain):
-    batch, total, going = Batch(10, Task(**IDS[TELEOP]), threads=1), np.zeros(10), np.ones(10, bool)
-    for each in played(batch, [2.0 * gain - 1.0, 0.5, -1.0]):
-        total[going] += each.rewards[going]
-        going = ~each.ended
-    info = batch.info()
-    assert total == pytest.approx(sum(info["reward_terms"].values()), rel=1e-12)
+def test_steered_episode_ends_by_its_rules(gain):
+    batch = Batch(10, Task(**IDS[TELEOP]), threads=1)
+    info = final(batch, [2.0 * gain - 1.0, 0.5, -1.0])
     assert info["taken"] == pytest.approx(1.0 - gain, abs=1e-6)
-    assert (info["missed"] | (batch.chains["object_state"] == 1) | (np.abs(info["done_time"] - 8.0) < 1e-6)).all()
-    rested = ~info["missed"] & (info["done_time"] < 7.9)
-    assert {*(batch.chains["object_rest_time"] <= info["done_time"])[rested].tolist()} == {True}
+    stuck, timed_out = batch.chains["object_state"] == 1, np.abs(info["done_time"] - 8.0) < 1e-6
+    assert (info["missed"] | stuck | timed_out).all()
+    early = ~info["missed"] & ~timed_out
+    assert (batch.chains["object_rest_time"] <= info["done_time"])[early].all()
+    assert early.any()
     assert {row.id for row in STEERED} <= info.keys()
 
 
-def test_observations_depend_on_the_object_only_through_the_belief_of_the_operator():
+def test_observations_show_the_object_only_by_the_belief():
     batch = steered({"type": "Reach", "place_error": (-0.05, 0.05), "creep": 0.1}, 2, scenario=AWAY)
     batch.begin_seeded(0, {"operator.place_error": [-0.3, -0.3], "distance": [0.6, 0.7], "noise_seed": [1.0, 1.0]})
     assert np.ptp(batch.links["believed"]) == pytest.approx(0.1)
@@ -238,13 +221,3 @@ def test_observations_depend_on_the_object_only_through_the_belief_of_the_operat
     for _ in range(60):
         batch.step(np.array([OWN, OWN]), batch.ended)
         assert batch.observations[0].tolist() == pytest.approx(batch.observations[1].tolist(), abs=1e-6)
-
-
-def test_operator_stops_a_reaction_after_the_display_has_shown_the_touch():
-    options = {"uplink": {"delay": 0.05}, "downlink": {"delay": 0.12}, "scenario": {"distance": 0.3}}
-    batch = steered(ig.operators.Trapezoid(0.4), **options)
-    packets = sent(batch, OWN)[0]
-    stop, info = packets[packets["command"] == 0.0][0], batch.info()
-    assert stop["sent"] == pytest.approx(info["touch_time"][0] + 0.12 + SIMPLE_REACTION, abs=1e-12)
-    done = stop["sent"] + 0.05 + 0.3
-    assert info["done_time"][0] < done + 0.016 + 1e-9  # earlier if the tool was beside the object

@@ -14,19 +14,17 @@ from impact_gym.envs.batch import Batch
 from impact_gym.task import ActionSpec, Task
 from impact_gym.task.task import ARGUMENTS
 
-ID = "ImpactApproach-v0"
+ID, TELEOP = "ImpactApproach-v0", "ImpactTeleop-v0"
 IDS = sorted(name for name in gym.registry if name.startswith("ImpactApproach"))
 SLOTS = 4
 COMMANDED = ("command", "command_age", "is_intervention", "teleop_action", "intervene_action")
 """Entries of the info of every step, with an operator."""
-ROBOT = ig.Robot(5.225, 1.9e5, 50.4)
-PAPERS_SPRING = ig.SpringDamper(50.0, 1.0)
+ROBOT, PAPERS_SPRING = ig.Robot(5.225, 1.9e5, 50.4), ig.SpringDamper(50.0, 1.0)
 encode = ActionSpec(Task()).encode
 """From velocity (m/s) and acceleration (m/s^2) to the action of `ID`."""
-TELEOP, ARM = "ImpactTeleop-v0", {"friction": 0.3, "horizon": 8.0, "velocity_range": (-0.3, 0.5)}
+ARM, AWAY = {"friction": 0.3, "horizon": 8.0, "velocity_range": (-0.3, 0.5)}, {"distance": 0.79}
 OWN, STOP, GENTLE = [1.0, 1.0, -1.0], [-1.0, 1.0, -1.0], [1.0, 2.0 * (8.0 - 1.0) / 19.0 - 1.0, -1.0]
-AWAY = {"distance": 0.79}
-"""Of tasks with an operator: arguments, actions, and a scenario."""
+"""Of tasks with an operator: arguments, a scenario, and actions."""
 
 
 def action_table(seed, ticks=160, slots=SLOTS, lean=(0.3, 0.3), task=None):
@@ -155,11 +153,11 @@ def final(batch, action, seed=0):
 
 def sent(batch, action, steps=10_000):
     """Play; return the packets of each row's operator in the order of sending: (rows, n), PACKET."""
-    seen = {}
+    slots, kept = batch.packets.shape[1], []
     for each in played(batch, action, steps=steps):
-        for row in range(batch.size):
-            last = int(each.links["packets"][row])
-            for number in range(max(last - 3, 0), last):
-                seen[row, number] = each.packets[row, number % each.packets.shape[1]].copy()
-    count = min(int(last) for last in batch.links["packets"])
-    return np.array([[seen[row, number] for number in range(count)] for row in range(batch.size)], PACKET)
+        last, first = each.links["packets"], len(kept)
+        kept += [np.zeros(batch.size, PACKET) for _ in range(first, int(last.max()))]
+        for number in range(max(first - 4, 0), len(kept)):  # rows may have sent this one later than others
+            rows = (last > number) & (last - number <= slots)
+            kept[number][rows] = each.packets[rows, number % slots]
+    return np.array(kept[: int(batch.links["packets"].min())]).T

@@ -44,19 +44,19 @@ OPERATORS = {
     "SecondOrderLag": HAND | {"stiffness": (21.0, 71.0), "damping": (5.7, 12.8)},
     "Tracker": HAND | {"gain": (2.0, 4.5)}, "Trapezoid": {name: HAND[name] for name in ("speed", "reaction")},
 }  # fmt: skip
-SEVERAL = {
-    "time": [0.0, 7.9, 8.0, 15.9], "velocity": [0.3, 0.0, 0.1, 0.2], "length": 8.0, "recording": (0.0, 2.0),
-}  # fmt: skip
+TWO = {"time": [0.0, 7.9, 8.0, 15.9], "velocity": [0.3, 0.0, 0.1, 0.2], "length": 8.0, "recording": (0.0, 2.0)}
 """Two recordings, one after the other."""
 CHANNEL = {
     "delay": (0.0, 0.3), "jitter": (0.0, 0.05), "tail": (0.0, 0.1), "tail_share": (0.0, 0.5), "loss": (0.0, 0.4),
     "burst": (1.0, 5.0), "timeout": (0.05, 0.2),
 }  # fmt: skip
 DISPLAY = {name: span for name, span in CHANNEL.items() if name != "timeout"}
-STEERED = DRAWN | {"friction": (0.1, 0.5), "horizon": 8.0, "velocity_range": [-0.3, 0.5]}
 STEERED_DRAWN = {
-    name: STEERED | {"operator": {"type": name, **numbers}, "uplink": CHANNEL, "downlink": DISPLAY}
-    for name, numbers in (OPERATORS | {"Replay": SEVERAL}).items()
+    name: DRAWN | {
+        "operator": {"type": name, **numbers}, "uplink": CHANNEL, "downlink": DISPLAY, "friction": (0.1, 0.5),
+        "horizon": 8.0, "velocity_range": [-0.3, 0.5],
+    }
+    for name, numbers in (OPERATORS | {"Replay": TWO}).items()
 }  # fmt: skip
 """Arguments with a range for every number, with each kind of operator."""
 RECORDED = {"type": "Replay", "time": [0.0, 0.5, 3.0, 3.1], "velocity": [0.0, 0.3, 0.3, 0.0]}
@@ -89,12 +89,10 @@ SOFT = {
     "mechanism": st.sampled_from([ig.Bistable(80.0, rear_stop=-0.01), {"type": "Bistable"}]),
     "drawn mechanism": described("Bistable", MECHANISM),
 }
-COUPLINGS = SOFT | {"rigid": st.just({"type": "Rigid"})}
-ROBOTS = st.sampled_from([None, ROBOT, ig.Robot(2.0, 4e4, 10.0)]) | described("Robot", ARM)
 OWN = {
     **{name: number_or_range(*span) for name, span in SPANS.items() if name not in ESTIMATE},
     "scenario": st.sampled_from(["train", "hard"]) | some_of(SCENARIO),
-    "robot": ROBOTS,
+    "robot": st.sampled_from([None, ROBOT, ig.Robot(2.0, 4e4, 10.0)]) | described("Robot", ARM),
     "alarm": st.sampled_from(["force", "reading"]),
     "dissipation": st.sampled_from(["hu-guo", "exact", "fixed"]),
     "missed_cost": st.floats(0.0, 5.0),
@@ -105,34 +103,31 @@ OWN = {
     "max_episode_steps": st.sampled_from([None, 41, 13]),
 }
 """Arguments that may differ between the rows of a batch."""
-OBSERVED = (
-    "observe_range_noise", "deflection_sensor", "privileged", "past_readings", "velocity_range", "horizon",
-    "after_alarm",
-)  # fmt: skip
+OBSERVED = {
+    "deflection_sensor": st.booleans(), "privileged": st.integers(0, 2).map(lambda drawn: drawn == 2),
+    "past_readings": st.integers(0, 3), "velocity_range": st.sampled_from([(-0.5, 1.5), (0.0, 1.0)]),
+    "horizon": st.sampled_from([1.2, 1.2, 1.0]), "after_alarm": st.sampled_from([0.15, 0.15, 0.2]),
+    "observe_range_noise": st.booleans(),
+}  # fmt: skip
+"""Arguments that are the same in all rows of a batch."""
 
 
 @st.composite
 def rows_of_tasks(draw, count=3):
     """Arguments of the environment for each of `count` rows; all rows observe the same quantities."""
-    seen, deflection = draw(st.sampled_from(["", "estimate", "sensor"])), draw(st.booleans())
-    ranged = seen == "estimate"
-    common = {"deflection_sensor": deflection, "privileged": draw(st.integers(0, 2)) == 2}
-    common["past_readings"] = draw(st.integers(0, 3))
-    common["observe_range_noise"] = ranged and draw(st.booleans())
-    common["velocity_range"] = draw(st.sampled_from([(-0.5, 1.5), (0.0, 1.0)]))
-    common["horizon"], common["after_alarm"] = draw(st.sampled_from([(1.2, 0.15), (1.2, 0.15), (1.0, 0.2)]))
-    must = {"friction": number_or_range(0.1, 0.5), "control_period": st.floats(0.012, 0.03)}
-    operator = st.sampled_from([*OPERATORS]).flatmap(lambda name: described(name, OPERATORS[name])) | st.just(RECORDED)
-    links = {way: some_of(of) | st.just(TRACED) for way, of in {"uplink": CHANNEL, "downlink": DISPLAY}.items()}
-    steered = must | {"operator": operator} | links if draw(st.booleans()) else {}
-    if steered:
-        common["velocity_range"], common["horizon"] = (-0.3, 0.5), 1.5
-    kinds = SOFT if deflection else COUPLINGS
+    common, seen = draw(st.fixed_dictionaries(OBSERVED)), draw(st.sampled_from(["", "estimate", "sensor"]))
+    common["observe_range_noise"] &= seen == "estimate"
+    kinds = SOFT if common["deflection_sensor"] else SOFT | {"rigid": st.just({"type": "Rigid"})}
     always = {"coupling": st.sampled_from([*kinds]).flatmap(kinds.get)}
-    always |= {"range_noise": number_or_range(*SPANS["range_noise"])} if ranged else {}
+    always |= {"range_noise": number_or_range(*SPANS["range_noise"])} if seen == "estimate" else {}
     always |= {"range_sensor": some_of(RANGE_SENSOR)} if seen == "sensor" else {}
-    optional = OWN | ({"range_bias": number_or_range(*SPANS["range_bias"])} if ranged else {})
-    always |= steered
+    optional = OWN | ({"range_bias": number_or_range(*SPANS["range_bias"])} if seen == "estimate" else {})
+    if draw(st.booleans()):  # with an operator
+        common |= {"velocity_range": (-0.3, 0.5), "horizon": 1.5}
+        operator = st.sampled_from([*OPERATORS]).flatmap(lambda name: described(name, OPERATORS[name]))
+        always |= {"friction": number_or_range(0.1, 0.5), "control_period": st.floats(0.012, 0.03)}
+        always |= {"operator": operator | st.just(RECORDED), "uplink": some_of(CHANNEL) | st.just(TRACED)}
+        always |= {"downlink": some_of(DISPLAY) | st.just(TRACED)}
     row = st.fixed_dictionaries(always, optional={name: of for name, of in optional.items() if name not in always})
     if common["privileged"]:  # in each row a critic observes what any row draws
         return [common | draw(row)] * count
