@@ -43,6 +43,7 @@ def folder(tmp_path_factory):
     (base / "mine.json").write_text(json.dumps({"ranges": RANGES, "seed": 5, "count": 6, "environment": TOOL}))
     files = {"policy": (str(base / "mine.npz"),), "scenarios": str(base / "mine.json")}
     (own,) = matchups_of(ReportOptions(**files, baseline=(OWN,)))
+    own = replace(own, evaluation=replace(own.evaluation, varied={}))
     out = base / "latest"
     for name in (MARK, "letter", "figures/old.svg", f"figures/.x.1{UNFINISHED}", "index.html", "episodes.parquet"):
         (out / name).parent.mkdir(parents=True, exist_ok=True)
