@@ -3,9 +3,16 @@
 from dataclasses import astuple
 
 import numpy as np
+import polars as pl
 import pytest
+from matplotlib.figure import Figure
 from scipy.stats import norm
 
+from agents.evaluate.play import pairs
+from experiments.lab import charts, grid
+from experiments.lab.charts import mathtext
+from experiments.lab.page import typeset
+from experiments.lab.parts import Table, percent
 from experiments.lab.statistics import Comparison, Estimate, Resamples, along, estimate, tolerated
 from impact_gym.render import palette
 
@@ -20,12 +27,14 @@ def test_estimate_has_the_interval_of_normal_theory():
     assert (without_a_value.low, without_a_value.high) == pytest.approx((0.05, 1.95))
 
 
-@pytest.mark.parametrize(("of_seeds", "of_scenarios"), [(1.0, 0.0), (0.0, 1.0), (0.3, 5.0)])
-def test_resamples_vary_with_seeds_and_scenarios(of_seeds, of_scenarios):
+@pytest.mark.parametrize(("of_seeds", "of_scenarios", "scenarios"), [
+    (1.0, 0.0, 40), (0.0, 1.0, 40), (0.3, 5.0, 40), (1.0, 1.0, 10),
+])  # fmt: skip
+def test_resamples_vary_with_seeds_and_scenarios(of_seeds, of_scenarios, scenarios):
     """x = a_seed + b_scenario: the variance of the mean is var(a) / seeds + var(b) / scenarios, both unbiased."""
     rng = np.random.default_rng(1)
-    seeds, scenarios = 10, 40
-    a, b = of_seeds * rng.standard_normal(seeds), of_scenarios * rng.standard_normal(scenarios)
+    seeds, drawn = 10, rng.standard_normal(scenarios)
+    a, b = of_seeds * drawn[:seeds], of_scenarios * drawn[:scenarios]  # resampled independently, though alike
     values, resamples = a[:, None] + b, Resamples(scenarios, resamples=20_000)
     means = resamples.means(values)
     assert means[0] == pytest.approx(a.mean() + b.mean())
@@ -54,6 +63,33 @@ def test_tolerated_has_the_factor_of_the_tables(n, factor):
     scores = np.random.default_rng(6).normal(3.0, 2.0, n)
     assert (scores.mean() - tolerated(scores)) / scores.std(ddof=1) == pytest.approx(factor, abs=6e-4)
     assert np.isnan(tolerated(scores[:1]))
+
+
+def test_cost_charges_time_and_misses_of_the_environment():
+    scenarios = {"ranges": pairs({"distance": [0.2, 1.5]}), "seed": 1, "count": 20}
+    rows = grid.play({"baseline": "paper-trapezoid"}, {"missed_cost": 5.0}, scenarios, [1.0, 3.0])
+    assert 0 < rows["missed"].sum() < len(rows) == 40
+    by_hand = rows["object_velocity"] + rows["weight"] * rows["approach_time"] + 5.0 * rows["missed"]
+    assert rows["cost"].to_numpy() == pytest.approx(by_hand.to_numpy())
+    shuffled = pl.DataFrame({"seed": [1, 0, 0, 1], "episode": [1, 0, 1, 0], "x": [4, 1, 2, 3]})
+    assert grid.sample(shuffled, "x").tolist() == [[1.0, 2.0], [3.0, 4.0]]
+
+
+def test_texts_and_charts_are_typeset(tmp_path):
+    assert typeset("V_p [1, 2] < N/m^1.5") == "V<sub>p</sub> [1,\N{NO-BREAK SPACE}2] &lt; N/m<sup>1.5</sup>"
+    assert mathtext("V_p, $x_1$, m^(3/2)") == "$V_{p}$, $x_1$, m$^{3/2}$"
+    assert percent(Estimate(0.1234, 0.1, 0.2)) == "12.3 % [10.0, 20.0]"
+    assert Table("", ("a", "b", "c"), [("x", "1.0", "word " * 20), ("y", "no", "z")]).classes == [
+        "left",
+        "",
+        "left words",
+    ]
+    figure = Figure()
+    figure.subplots().plot([0, 1], color=palette.POLICY)
+    drawn, again = (charts.save(figure, tmp_path / f"{k}.svg").read_text() for k in range(2))
+    assert drawn == again  # no date
+    assert f"var(--policy, {palette.POLICY.lower()})" in drawn
+    assert f"--policy: {palette.COLOURS['policy'][1].lower()};" in drawn  # on a dark page
 
 
 def luminance(colour):

@@ -106,7 +106,7 @@ def numbers(episodes, chosen, scenarios=slice(None), seeds=SEEDS):
 
 def test_numbers_and_intervals_follow_from_the_episodes(results, episodes):
     answer, choice = (results[kind]["linear-blind"] for kind in ("answers", "choices"))
-    first, *steps, _ = results["ablations"]["linear-blind"]
+    first, *steps, last = results["ablations"]["linear-blind"]
     assert [first["contestant"], *(step["contestant"] for step in steps)] == [*CHAIN, "learned policy"]
     said = {name: [value] for name, value in {**answer, **choice}.items()}
     said |= {name: [step["velocity"][name] for step in steps] for name in ("less", "share")}
@@ -122,16 +122,11 @@ def test_numbers_and_intervals_follow_from_the_episodes(results, episodes):
     each = [numbers(*of, seeds=[seed])["reduction"][0] for seed in SEEDS]
     assert answer["each"] == pytest.approx(each)
     assert (answer["missed"], answer["episodes"], answer["reached"]) == (0, 3 * 4 * COUNT, True)
+    policy, knows = (np.mean([at_two(episodes[name])[:SEARCHED] for name in names]) for names in (SEEDS, [BOUND]))
+    assert (last["contestant"], last["scenarios"]) == (BOUND, SEARCHED)
+    assert (last["loss"]["value"]["value"], last["loss"]["less"]["value"]) == pytest.approx((knows, policy - knows))
     bound = 100.0 * (np.mean(each) - TOLERANCE_OF_THREE * np.std(each, ddof=1))
     assert f"at least {bound:.1f} %)" in results["sentences"][1]
-
-
-def test_clairvoyant_step_is_on_the_scenarios_it_searched(results, episodes):
-    *_, last = results["ablations"]["linear-blind"]
-    assert (last["contestant"], last["scenarios"]) == (BOUND, SEARCHED)
-    policy, knows = (np.mean([at_two(episodes[name])[:SEARCHED] for name in names]) for names in (SEEDS, [BOUND]))
-    assert last["loss"]["value"]["value"] == pytest.approx(knows)
-    assert last["loss"]["less"]["value"] == pytest.approx(policy - knows)
 
 
 def in_scenarios(task, scenarios, *names):
@@ -229,14 +224,11 @@ def test_files_are_of_these_episodes_and_replace_earlier_ones(folder, results):
 
 def test_episodes_match_a_batch_on_the_same_scenarios(folder, episodes):
     frozen = evaluation_sets.load("test")
-    for name in (PAPER, "blind-profile"):
-        ((alone, _),) = in_scenarios(Task(), (frozen, COUNT), name).values()
-        at = episodes[name]["time_weight"][:, 0] == 2.0
+    for name, (alone, _) in in_scenarios(Task(), (frozen, COUNT), PAPER, "blind-profile").items():
         for field in RESULTS:
-            assert (episodes[name][field][at][0] == getattr(alone, field)).all()
+            assert (episodes[name][field][episodes[name]["time_weight"] == 2.0] == getattr(alone, field)).all()
     for field, values in frozen.scenario.items():
-        for rows in episodes.values():
-            assert (rows[field] == values[: rows[field].shape[1]]).all()
+        assert all((rows[field] == values[: rows[field].shape[1]]).all() for rows in episodes.values())
     own = pl.read_parquet(folder / "episodes.parquet").filter(matchup="mine", contestant=OWN).sort("scenario")
     alone = ScenarioBatch(5, 6, Task(scenario=RANGES | {"distance": (0.2, 0.3)}, **TOOL)).play(PaperTrapezoid())
     assert set(own["object_mass"]) == {0.4}
