@@ -15,6 +15,7 @@ from agents.baselines.tuned import read_tuned
 from agents.evaluate.scenario_batch import TUNING_SEED, ScenarioBatch, Travel
 from agents.setups import load_setup
 from experiments.design.__main__ import design
+from experiments.design.findings import chart
 from experiments.design.options import CHOSEN, FRONT, PAPER, DesignOptions, write_setup
 from experiments.design.pads import PADS, on_pad, pad_of
 from experiments.design.search import PENALTY, Candidate, Limits, SearchBudget, objective, play
@@ -154,6 +155,11 @@ def test_stopped_study_continues_to_a_set_up_and_a_page(small, capsys):
     said = re.search(r"rule, mean \S+ is (\S+) % \[", (small.out / "index.html").read_text())
     assert float(said[1]) == pytest.approx(100.0 * gain, abs=0.06)
     assert rows["lower"].to_numpy() == pytest.approx(1.0 - rows["object_velocity"].to_numpy() / of_paper[1])
+
+    (axes,) = chart(rows.to_dicts()).axes
+    assert ("time" in axes.get_xlabel(), "V_p" in axes.get_ylabel()) == (True, True)
+    (points,) = [line.get_xydata() for line in axes.lines if line.get_label() == "chosen design"]
+    assert points == pytest.approx(np.array(curve))
 
     search = Search(options)
     chosen = search.candidate(search.chosen(run))

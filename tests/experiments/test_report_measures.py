@@ -117,6 +117,15 @@ def test_answer_follows_from_the_points_of_each_curve():
         assert ("of trainings" in said(results)[1]) == bound
 
 
+def test_chart_has_times_below_and_speeds_beside():
+    (axes,) = tables.trade_off(played()).figure.axes
+    assert ("time" in axes.get_xlabel(), "V_p" in axes.get_ylabel()) == (True, True)
+    points = {line.get_label(): line.get_xydata() for line in axes.lines}
+    mean = SPEEDS.mean()
+    assert points[PAPER] == pytest.approx(np.array([[PAPER_TIME, mean]]))
+    assert points[POLICY] == pytest.approx(np.array([[0.4, 0.2 * mean], [0.2, 0.4 * mean]]))
+
+
 ALTERNATING = np.tile([0.0, 1.0], 50)
 TWO_ERRORS = 2.0 * ALTERNATING.std(ddof=1) / 10.0  # of the mean of 100
 
