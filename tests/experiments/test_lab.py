@@ -41,7 +41,7 @@ def test_comparison_cancels_what_is_shared():
 
 
 def test_estimates_and_curves_are_read_as_by_hand():
-    with_gap = estimate(np.concatenate([[1.0], np.linspace(0.0, 2.0, 101), [np.nan]]))  # a resample without a value
+    with_gap = estimate(np.concatenate([[1.0], np.linspace(0.0, 2.0, 101), [np.nan, np.inf]]))  # without a value
     assert astuple(-with_gap) == pytest.approx((-1.0, -1.95, -0.05))
     x, y = np.tile([3.0, 1.0, 2.0], (4, 1)), np.tile([9.0, 1.0, 4.0], (4, 1))
     assert along(x, y, np.array([1.5, 2.75, 0.0, 5.0])) == pytest.approx([2.5, 7.75, 1.0, 9.0])

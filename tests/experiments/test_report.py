@@ -125,6 +125,8 @@ def test_numbers_and_intervals_follow_from_the_episodes(results, episodes):
     policy, knows = (np.mean([at_two(episodes[name])[:SEARCHED] for name in names]) for names in (SEEDS, [BOUND]))
     assert (last["contestant"], last["scenarios"]) == (BOUND, SEARCHED)
     assert (last["loss"]["value"]["value"], last["loss"]["less"]["value"]) == pytest.approx((knows, policy - knows))
+    of_policy = last["velocity"]["value"]["value"] + last["velocity"]["less"]["value"]
+    assert of_policy == pytest.approx(numbers(*of, slice(SEARCHED))["velocity"][0])
     bound = 100.0 * (np.mean(each) - TOLERANCE_OF_THREE * np.std(each, ddof=1))
     assert f"at least {bound:.1f} %)" in results["sentences"][1]
 
