@@ -138,6 +138,7 @@ def small(tmp_path):
 
 def test_stopped_study_continues_to_a_set_up_and_a_page(small, capsys):
     options = small.checked()  # with sorted times
+    assert replace(options, times=(0.5, 1.2)).typical == 1.2
     begun = Run(study_of(options), StudyOptions(small.out, processes=0), "the command")
     assert len(begun["searches"]) == 4  # stopped here
     before = kept(small.out)

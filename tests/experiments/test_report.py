@@ -50,7 +50,9 @@ def folder(tmp_path_factory):
         (out / name).write_text("earlier")
     for name in ("index.html", "episodes.parquet"):
         os.link(out / name, base / name)
-    publish([replace(linear, seeds=seeds, evaluation=evaluation), own], ReportOptions(out=out, processes=0))
+    both, options = [replace(linear, seeds=seeds, evaluation=evaluation), own], ReportOptions(out=out, processes=0)
+    written = publish(both, options).stat().st_mtime_ns
+    assert publish(both, options).stat().st_mtime_ns == written  # it is up to date
     return out
 
 
@@ -189,13 +191,16 @@ def test_tables_follow_from_the_episodes(folder, results, episodes):
     for weight, row in zip((0.7, 1.0, 2.0, 4.0), by_weight, strict=True):
         median, rival, *seeds = (cost(episodes[name])[episodes[name]["time_weight"] == weight].mean()
                                  for name in (MEDIAN, CHAIN[3], *SEEDS))  # fmt: skip
-        _, *means, ratio, of_all, worst, _ = row.values()
+        _, *means, ratio, of_all, worst, gap = row.values()
         assert means == [f"{median:.4f}", f"{rival:.4f}"]
         assert [each.partition(" ")[0] for each in (ratio, of_all)] == [
             f"{x / rival:.4f}" for x in (median, np.mean(seeds))
         ]
         most = np.mean(seeds) + TOLERANCE_OF_THREE * np.std(seeds, ddof=1)
         assert [*map(float, worst.split(", "))] == pytest.approx([most, max(seeds)], abs=1e-4)
+        policy, rule, knows = (np.mean([cost(episodes[name])[episodes[name]["time_weight"] == weight][:SEARCHED]
+                               for name in names]) for names in (SEEDS, CHAIN[3:], [BOUND]))  # fmt: skip
+        assert [*map(float, re.findall(r"(\S+) \[", gap))] == pytest.approx([policy - knows, rule - knows], abs=6e-4)
 
 
 @pytest.mark.parametrize(("place", "task", "name"), [
@@ -229,6 +234,8 @@ def test_episodes_match_a_batch_on_the_same_scenarios(folder, episodes):
     for name, (alone, _) in in_scenarios(Task(), (frozen, COUNT), PAPER, "blind-profile").items():
         for field in RESULTS:
             assert (episodes[name][field][episodes[name]["time_weight"] == 2.0] == getattr(alone, field)).all()
+    tuned = json.loads((TUNED / "blind-profile.json").read_text())["weights"]
+    assert {*map(float, tuned)} <= {*episodes["blind-profile"]["time_weight"][:, 0]}  # all it was tuned for
     for field, values in frozen.scenario.items():
         assert all((rows[field] == values[: rows[field].shape[1]]).all() for rows in episodes.values())
     own = pl.read_parquet(folder / "episodes.parquet").filter(matchup="mine", contestant=OWN).sort("scenario")

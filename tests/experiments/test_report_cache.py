@@ -6,6 +6,7 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from made_up_matchup import played
 from own_set_up import change
@@ -105,6 +106,24 @@ def test_report_is_made_anew_where_its_sources_changed(made, source, monkeypatch
     (now[0] / "kept").touch()
     assert made(force=True) == now
     assert not (now[0] / "kept").exists()
+
+
+def test_jobs_are_kept_by_all_they_depend_on(monkeypatch, tmp_path):
+    asked = []
+
+    def cached(_, calls, *given, depends, **__):
+        asked.extend((call, *given, depends) for call in calls)
+        return [{"weight": np.array([1.0])}] * len(calls)
+
+    monkeypatch.setattr(jobs, "cached", cached)
+    matchup = replace(played(missed_cost=5.0).matchup, scenarios={"set": "test", "count": 9})
+    (results,) = jobs.play_matchups([matchup], tmp_path, "sources", 0, None)
+    runs = [*results.seeds.values(), *results.baselines.values(), *results.choosing.values()]
+    assert {run.missed_cost for run in runs} == {5.0}
+    for call, *given in asked:
+        assert given == [tmp_path, "sources"]
+        assert call["arguments"]["environment"] == {"missed_cost": 5.0}
+        assert call["where"] != "choosing" or call["arguments"]["weights"] == [2.0]
 
 
 def test_choice_has_scenarios_of_its_own():

@@ -9,6 +9,7 @@ import pytest
 from made_up_matchup import COUNT, PAPER_TIME, SPEEDS, played, run
 
 from agents.setups import load_setup
+from agents.setups.evaluation import Evaluation
 from experiments.report import answer, choice, holds, tables
 from experiments.report.ablation import links, sentence, steps_of, table
 from experiments.report.matchups import PAPER, POLICY
@@ -19,6 +20,11 @@ def said(results):
     """Return the answer, the sentence of the page and the one of its first screen."""
     result = answer.answer(results)
     return result, answer.sentence(result, results.matchup), answer.at_rule_time(result, results)
+
+
+def test_compared_weights_are_those_of_evaluation_and_policy():
+    for given, compared in (((2.0, 9.0), (2.0,)), ((9.0,), (1.0, 2.0))):  # the policy plays at 1 and 2
+        assert replace(played().matchup, evaluation=Evaluation(weights=given)).weights == compared
 
 
 def test_of_equals_the_simplest_is_taken():
