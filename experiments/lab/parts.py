@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import polars as pl
@@ -28,7 +29,7 @@ class Table:
         body = [[form.format(**row) for form in columns.values()] for row in rows]
         return cls(caption, tuple(columns), body)
 
-    @property
+    @cached_property  # a page asks for it in every cell
     def classes(self) -> list[str]:
         """CSS class by column: "" if half or more cells look like numbers, "left words" if any is long, else "left"."""
         found = []

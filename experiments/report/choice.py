@@ -66,8 +66,8 @@ def choice(played: Played) -> Choice:
     plain = {each.name: each.plain for each in matchup.baselines} | {matchup.chosen: POLICY}
     called = {each: word if word == each != PAPER else f"the {word.removeprefix('the ')}"
               for each, word in plain.items()}  # fmt: skip
-    less = "" if name == PAPER else f", {percent(below_rule)} less than the paper's rule"
-    compared = [f"It costs V_p + {weight:g} T = {cost.value:.3f} m/s{less}"]
+    against = "" if name == PAPER else f", {_against_rule(below_rule)} the paper's rule"
+    compared = [f"It costs V_p + {weight:g} T = {cost.value:.3f} m/s{against}"]
     for each in (other for other in dict.fromkeys((matchup.rival.name, matchup.chosen)) if other not in (name, PAPER)):
         if above[each].low > 0.0:
             compared.append(f"{called[each]} {percent(above[each])} more")
@@ -78,6 +78,14 @@ def choice(played: Played) -> Choice:
     misses = f" It misses {missed} of {played.count:,} objects." if missed else ""
     sentence = f"Best here: {called[name]}. {'; '.join(compared)}.{misses}"
     return Choice(name, weight, cost, below_rule, above, missed, sentence)
+
+
+def _against_rule(below: Estimate) -> str:
+    if below.low > 0.0:
+        return f"{percent(below)} less than"
+    if below.high < 0.0:
+        return f"{percent(-below)} more here than"
+    return f"with no clear difference ({percent(-below)}) from"
 
 
 def table(result: Choice, played: Played) -> Table:

@@ -15,7 +15,7 @@ from agents.baselines.tuned import read_tuned
 from agents.evaluate.scenario_batch import TUNING_SEED, ScenarioBatch, Travel
 from agents.setups import load_setup
 from experiments.design.__main__ import design
-from experiments.design.findings import summary
+from experiments.design.findings import chart
 from experiments.design.options import CHOSEN, FRONT, PAPER, DesignOptions, write_setup
 from experiments.design.pads import PADS, on_pad, pad_of
 from experiments.design.search import PENALTY, Candidate, Limits, SearchBudget, objective, play
@@ -28,7 +28,7 @@ PROFILE = list(read_tuned("blind-profile")["weights"]["2"]["parameters"].values(
 
 
 @pytest.mark.parametrize("name", PADS)
-def test_on_pad_has_one_force_the_sum_of_penetrations_and_the_losses_of_both_bodies(name):
+def test_pad_and_object_are_two_springs_in_series(name):
     pad, restitution = pad_of(name), 0.8
     for stiffness in (1e3, 1e5, 1e7):
         together, rebound = on_pad(name, stiffness, restitution)
@@ -41,18 +41,14 @@ def test_on_pad_has_one_force_the_sum_of_penetrations_and_the_losses_of_both_bod
             assert (1.0 - rebound**2) * stored.sum() == pytest.approx(lost)
     assert on_pad(name, 1e-6, 0.7) == pytest.approx((1e-6, 0.7), rel=1e-4)  # an object far softer, far stiffer
     assert on_pad(name, 1e18, 0.7) == pytest.approx((pad.stiffness, pad.restitution), rel=1e-4)
-
-
-@pytest.mark.parametrize("name", PADS)
-def test_pad_of_is_a_dome_of_its_material_with_the_largest_restitution(name):
-    pad, material = pad_of(name), ig.MATERIALS[name]
+    material = ig.MATERIALS[name]  # the pad is a dome of it
     edges = [4 / 3 * E / (1 - nu**2) * pad.radius**0.5 for E in material.young for nu in material.poisson]
     assert min(edges) * (1 - 1e-12) <= pad.stiffness <= max(edges) * (1 + 1e-12)
     assert pad.restitution == max(material.restitution)
 
 
 @pytest.mark.parametrize(("stiffness", "damping_ratio"), [(300.0, 0.2), (120.0, 0.0), (80.0, 1.0)])
-def test_travel_is_that_of_a_spring_and_damper_under_constant_acceleration(stiffness, damping_ratio):
+def test_travel_is_that_of_a_spring_at_constant_acceleration(stiffness, damping_ratio):
     """After half a period it overshoots m a / k by exp(-pi zeta / sqrt(1 - zeta^2))."""
     coupling = {"type": "SpringDamper", "stiffness": stiffness, "damping_ratio": damping_ratio}
     environment = {"coupling": coupling, "scenario": {"distance": 0.5}, "acceleration_range": [1.0, 5.0]}
@@ -64,7 +60,7 @@ def test_travel_is_that_of_a_spring_and_damper_under_constant_acceleration(stiff
     assert (travel.stroke >= travel.deflection).all()
 
 
-def test_search_allows_for_more_than_the_tolerance_of_the_design():
+def test_search_allows_for_more_than_the_tolerance():
     """A critically damped spring deflects by m a / k: within the limit at 5.5 %, but not at the 6 % of a search."""
     coupling = {"type": "SpringDamper", "stiffness": [300.0, 400.0], "damping_ratio": 1.0}
     environment = {"coupling": coupling, "scenario": {"distance": 0.5}, "acceleration_range": [1.0, 5.0]}
@@ -104,7 +100,7 @@ def test_excess_is_the_sum_of_shares_beyond_the_limits():
     assert excess(soft._replace(stiffness=10.0 * soft.stiffness)) == 0.0
 
 
-def test_play_draws_the_design_within_its_tolerance_in_each_scenario():
+def test_play_draws_each_design_within_its_tolerance():
     design = {"coupling.stiffness": 80.0, "coupling.damping_ratio": 0.4}
     assert as_built({"coupling.rear_stop": -0.02}, 0.05) == {"coupling.rear_stop": pytest.approx([-0.021, -0.019])}
     candidate = asdict(Candidate({}, "BlindProfile", PROFILE, design))
@@ -115,99 +111,99 @@ def test_play_draws_the_design_within_its_tolerance_in_each_scenario():
     changes = built / exact - 1.0
     assert (changes != 0.0).all()
     assert np.abs(np.median(changes)) < np.quantile(np.abs(changes), 0.99) < 0.5
+    soft = play({**candidate, "pad": "neoprene"}, 0.0, "validation", {})
+    through_pad = on_pad("neoprene", alone.scenario["contact_stiffness"], alone.scenario["restitution"])
+    for name, values in zip(("contact_stiffness", "restitution"), through_pad, strict=True):
+        assert soft[name].to_numpy() == pytest.approx(values)
 
 
-@pytest.mark.parametrize(("text", "start", "logarithmic"), [
-    ("coupling.stiffness=20:80", 50.0, True),  # of linear-blind
-    ("coupling.stiffness=100:400", 200.0, True),  # which is not in it
-    ("coupling.damping_ratio=0.5:2", 1.0, False),
-    ("coupling.damping_ratio=0:3", 1.0, False),
-])  # fmt: skip
-def test_free_number_has_a_logarithmic_scale_if_wide_and_starts_at_the_set_ups_value(text, start, logarithmic):
-    (variable,) = search_variables([text], load_setup("linear-blind"))
-    parameter = variable.parameter()
-    assert variable.logarithmic is logarithmic
-    assert variable.value(parameter.start) == pytest.approx(start)
+def test_wide_range_is_searched_by_ratio_from_the_set_up_on():
+    for text, start, logarithmic in (
+        ("coupling.stiffness=20:80", 50.0, True),  # of linear-blind
+        ("coupling.stiffness=100:400", 200.0, True),  # which is not in it
+        ("coupling.damping_ratio=0.5:2", 1.0, False), ("coupling.damping_ratio=0.2:2", 1.0, True),
+        ("coupling.damping_ratio=0:3", 1.0, False),
+    ):  # fmt: skip
+        (variable,) = search_variables([text], load_setup("linear-blind"))
+        assert variable.logarithmic is logarithmic
+        assert variable.value(variable.parameter().start) == pytest.approx(start)
 
 
 @pytest.fixture
 def small(tmp_path):
     spring = ("coupling.stiffness=20:200", "coupling.damping_ratio=0.2:2")
-    budget = SearchBudget(scenarios=12, budget=24, population=8)
-    few = {"search": budget, "seeds": 1, "processes": 0, "against": ()}
-    return DesignOptions("linear-blind", spring, tmp_path / "out", times=(1.0, 1.3), **few)
+    few = {"search": SearchBudget(scenarios=12, budget=8, population=8), "seeds": 1, "processes": 0, "against": ()}
+    return DesignOptions("linear-blind", spring, tmp_path / "out", times=(1.3, 1.0), **few)
 
 
-def run_of(options):
-    return Run(study_of(options), StudyOptions(options.out, processes=0), "the command")
-
-
-def test_stopped_study_continues_and_ends_with_a_set_up(small):
-    begun = run_of(small)
-    assert len(begun["searches"]) > 0  # stopped here
+def test_stopped_study_continues_to_a_set_up_and_a_page(small, capsys):
+    options = small.checked()  # with sorted times
+    assert replace(options, times=(0.5, 1.2)).typical == 1.2
+    begun = Run(study_of(options), StudyOptions(small.out, processes=0), "the command")
+    assert len(begun["searches"]) == 4  # stopped here
     before = kept(small.out)
-    run = run_of(small)
-    run.write()
-    assert run["searches"].equals(begun["searches"])
+    design(small)
+    assert capsys.readouterr().out.splitlines()[-1].startswith("results: file:")
     assert kept(small.out).items() >= before.items()
-    rows = summary(run["designs"])
-    assert [(row["line"], row["allowed"]) for row in rows if row["line"] != FRONT] == [
-        (PAPER, 1.0), *((name, time) for name in (CHOSEN, "paper's spring") for time in (1.0, 1.3))
-    ]  # fmt: skip
-    search = Search(small)
+    run = Run(study_of(options), StudyOptions(small.out, processes=0))
+    assert run["searches"].equals(begun["searches"])
+    rows = pl.read_csv(small.out / "summary.csv")
+    lines = rows.filter(pl.col("line") != FRONT).select("line", "allowed").rows()
+    assert lines == [(PAPER, 1.0), *((name, time) for name in (CHOSEN, "paper's spring") for time in (1.0, 1.3))]
+    of_both = rows.filter(pl.col("line").is_in([PAPER, CHOSEN]))
+    of_paper, *curve = of_both.select("approach_time", "object_velocity").rows()
+    gain = 1.0 - np.interp(of_paper[0], *zip(*sorted(curve), strict=True)) / of_paper[1]
+    said = re.search(r"rule, mean \S+ is (\S+) % \[", (small.out / "index.html").read_text())
+    assert float(said[1]) == pytest.approx(100.0 * gain, abs=0.06)
+    assert rows["lower"].to_numpy() == pytest.approx(1.0 - rows["object_velocity"].to_numpy() / of_paper[1])
+
+    (axes,) = chart(rows.to_dicts()).axes
+    assert ("time" in axes.get_xlabel(), "V_p" in axes.get_ylabel()) == (True, True)
+    (points,) = [line.get_xydata() for line in axes.lines if line.get_label() == "chosen design"]
+    assert points == pytest.approx(np.array(curve))
+
+    search = Search(options)
     chosen = search.candidate(search.chosen(run))
     (cell,) = search.controllers(False, run)  # searched with the design as it may be built
     searched = cell.arguments["candidate"]["environment"]["coupling"]["stiffness"]
-    assert np.mean(searched) == pytest.approx(chosen.design["coupling.stiffness"])
-    setup = load_setup(write_setup(small.out / "it-designed.toml", small.arm, chosen, "the command"))
+    assert searched == pytest.approx([edge * chosen.design["coupling.stiffness"] for edge in (0.94, 1.06)])
+    setup = load_setup(small.out / "linear-blind-designed.toml")
     assert setup.environment["coupling"]["stiffness"] == chosen.design["coupling.stiffness"]
     assert setup.environment["tool_mass"] == small.arm.environment["tool_mass"]
     assert setup.training == load_setup("linear-blind").training
+    padded = write_setup(small.out / "padded.toml", small.arm, replace(chosen, pad="memory-foam"), "")
+    through_pad = load_setup(padded).environment["scenario"]
+    corners = [on_pad("memory-foam", stiffness, e) for stiffness in (1e3, 1e6) for e in (0.1, 1.0)]
+    for name, values in zip(("contact_stiffness", "restitution"), zip(*corners, strict=True), strict=True):
+        assert through_pad[name] == pytest.approx([min(values), max(values)])
 
 
-def test_design_with_a_pad_writes_set_up_and_page(small, capsys):
-    design(replace(small, pad="memory-foam", search=replace(small.search, budget=8), times=(1.0,)))
-    assert capsys.readouterr().out.splitlines()[-1].startswith("results: file:")
-    scenario = load_setup(small.out / "linear-blind-designed.toml").environment["scenario"]
-    assert scenario["contact_stiffness"][1] < pad_of("memory-foam").stiffness
-    assert scenario["contact_stiffness"][0] == pytest.approx(on_pad("memory-foam", 1e3, 0.5)[0])
-    rows = pl.read_csv(small.out / "summary.csv")
-    (paper,), (chosen,) = (rows.filter(line=line).to_dicts() for line in (PAPER, CHOSEN))
-    gain = 100.0 * (1.0 - chosen["object_velocity"] / paper["object_velocity"])
-    assert chosen["lower"] == pytest.approx(gain / 100.0)
-    said = re.search(r"rule, mean \S+ is (\d+\.\d) % \[", (small.out / "index.html").read_text())
-    assert float(said[1]) == pytest.approx(gain, abs=0.06)  # a single point has its own time
-
-
-def results(velocity, time, excess=0.0, **labels):
+def plays(velocity, time, excess=0.0, missed=0, **labels):
     """A table of 40 plays with equal results, of which the first `missed` miss and leave the object at rest."""
-    entry = {"line": FRONT, "allowed": 1.0, "seed": 1, "missed": 0} | labels
-    number = pl.int_range(pl.len()) < pl.col("missed")
-    plays = pl.DataFrame([entry | {"object_velocity": velocity, "approach_time": time, "excess": excess}] * 40)
-    return plays.with_columns(missed=number, object_velocity=pl.when(number).then(0.0).otherwise("object_velocity"))
+    labels = {"line": FRONT, "allowed": 1.25, "seed": 1} | labels
+    rows = {"missed": np.arange(40) < missed, "approach_time": np.full(40, time), "excess": np.full(40, excess)}
+    rows["object_velocity"] = np.where(rows["missed"], 0.0, velocity)
+    return pl.DataFrame(rows).with_columns(**{name: pl.lit(value) for name, value in labels.items()})
 
 
 @pytest.mark.parametrize(("played", "seed"), [
-    ([(0.20, 0.30, 0.0), (0.19, 0.30, 0.0)], 2),
-    ([(0.20, 0.30, 0.0), (0.19, 0.306, 0.0)], 1),  # 2 % later
-    ([(0.20, 0.30, 0.0), (0.10, 0.28, 0.1)], 1),  # a tenth beyond a limit
+    ([(0.20, 0.30), (0.19, 0.30)], 2),
+    ([(0.20, 0.30), (0.19, 0.306)], 1),  # 2 % later
+    ([(0.20, 0.30), (0.10, 0.28, 0.1)], 1),  # a tenth beyond a limit
     ([(0.20, 0.30, 0.2), (0.19, 0.30, 0.1)], 2),
-    ([(0.20, 0.30, 0.0, 0), (0.19, 0.30, 0.0, 1)], 1),  # a miss of 40 costs 2 / 40 m/s, and has no V_p
-    ([(0.20, 0.30, 0.0, 0), (0.15, 0.30, 0.0, 1)], 2),
+    ([(0.20, 0.30), (0.19, 0.30, 0.0, 1)], 1),  # a miss of 40 costs 2 / 40 m/s, and has no V_p
+    ([(0.20, 0.30), (0.15, 0.30, 0.0, 1)], 2),
 ])  # fmt: skip
-def test_front_penalises_late_approaches_exceeded_limits_and_misses(small, played, seed):
-    allowed = 1.25
-    searches = [{"line": FRONT, "allowed": allowed, "seed": k, "loss": 0.0, "design": "{}", "parameters": "[]"}
-                for k in (1, 2)]  # fmt: skip
-    validation = [results(v, allowed * time, excess, allowed=allowed, seed=k, missed=sum(missed))
-                  for k, (v, time, excess, *missed) in enumerate(played, 1)]  # fmt: skip
-    validated = pl.concat([results(0.6, 0.30, line=PAPER), *validation])
-    frames = {"searches": pl.DataFrame(searches), "validation": validated}
-    (front,) = Search(replace(small, times=(allowed,))).front(frames)
+def test_front_penalises_lateness_excess_and_misses(small, played, seed):
+    entry = {"line": FRONT, "allowed": 1.25, "loss": 0.0, "design": "{}", "parameters": "[]"}
+    validation = [plays(v, 1.25 * time, *more, seed=k) for k, (v, time, *more) in enumerate(played, 1)]
+    validation.append(plays(0.6, 0.30, line=PAPER, allowed=1.0))
+    frames = {"searches": pl.DataFrame([entry | {"seed": k} for k in (1, 2)]), "validation": pl.concat(validation)}
+    (front,) = Search(replace(small, times=(1.25,))).front(frames)
     assert front["seed"] == seed
 
 
-def test_loss_of_a_miss_is_the_missed_cost_of_the_environment(small):
+def test_loss_of_a_miss_is_the_environments_missed_cost(small):
     """A candidate that is too slow to touch the object has no V_p, and must not win."""
     variables, budget = small.variables, replace(small.search, population=4)
     candidate = replace(Search(small).candidate(PAPERS_RULE), environment=small.searched)

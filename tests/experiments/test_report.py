@@ -1,47 +1,59 @@
-"""The report agrees with its episodes, plays a user's baselines and scenarios, and its page works offline."""
+"""A small report of real episodes: its numbers follow from the episodes on disk, and its page works offline."""
 
 import hashlib
+import html
 import json
+import os
 import re
 from dataclasses import replace
 
 import numpy as np
 import polars as pl
 import pytest
-from browser_pages import opened, stands_on_its_own
-from cluster_work import kept
+from browser_pages import stands_on_its_own
 from printed_commands import read_printed
 
+from agents import load_policy
 from agents.baselines import PaperTrapezoid
 from agents.baselines.tuned import load_baseline
-from agents.evaluate.play import pairs, play
 from agents.evaluate.scenario_batch import RESULTS, ScenarioBatch
-from agents.setups import TUNED, load_setup
-from experiments.report import choice, jobs, matchups
-from experiments.report.__main__ import ReportOptions, publish, write
-from experiments.report.matchups import PAPER
+from agents.setups import TUNED
+from experiments.report.__main__ import MARK, ReportOptions, matchups_of, publish
+from experiments.report.matchups import BOUND, PAPER
 from impact_gym.files import UNFINISHED
 from impact_gym.task import Task, evaluation_sets
 
-COUNT, OWN = 30, "agents.baselines:PaperTrapezoid"
+COUNT, SEARCHED, OWN = 80, 64, "agents.baselines:PaperTrapezoid"
+CHAIN = [PAPER, "constant-speed", "constant-deceleration", "blind-profile"]  # from simple to complex
+MEDIAN = f"seed-{load_policy('linear-blind').seed}"
+SEEDS = sorted({"seed-0", "seed-1", "seed-2", MEDIAN})[-3:]
+LATE = "{} at the paper's approach time"
+RANGES, TOOL = {"object_mass": 0.4, "distance": [0.2, 0.3]}, {"tool_mass": 0.2}
+TOLERANCE_OF_THREE = 7.656  # one-sided 95/95 factor (M. G. Natrella, NBS Handbook 91, table A-7)
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A report of two matchups with the same episodes."""
-    out = tmp_path_factory.mktemp("report") / "latest"
-    linear = matchups.of_setup(load_setup("linear-blind"), {"set": "test", "count": COUNT})
-    few = [linear.policy, next(seed for seed in linear.seeds if seed.name != linear.chosen)]
-    seeds = tuple(replace(seed, weights=(0.7, 1.0, 2.0, 4.0)) for seed in few)
+    """A report of a shipped set-up and of a user's policy with a baseline, scenarios and a tool of their own."""
+    base = tmp_path_factory.mktemp("report")
+    (linear,) = matchups_of(ReportOptions(("linear-blind",), count=COUNT))
+    seeds = tuple(replace(seed, weights=(0.7, 1.0, 2.0, 4.0)) for seed in linear.seeds if seed.name in SEEDS)
     evaluation = replace(linear.evaluation, varied={"tool_mass": {"times": [0.7, 1.0]}, "scenario": ["hard"]})
-    linear = replace(linear, seeds=seeds, evaluation=evaluation)
-    publish([linear, replace(linear, name="twin", title="A twin", bound=None)], ReportOptions(out=out, processes=0))
+    load_policy("linear-blind").save(base / "mine.npz")
+    (base / "mine.json").write_text(json.dumps({"ranges": RANGES, "seed": 5, "count": 6, "environment": TOOL}))
+    files = {"policy": (str(base / "mine.npz"),), "scenarios": str(base / "mine.json")}
+    (own,) = matchups_of(ReportOptions(**files, baseline=(OWN,)))
+    own = replace(own, evaluation=replace(own.evaluation, varied={}))
+    out = base / "latest"
+    for name in (MARK, "letter", "figures/old.svg", f"figures/.x.1{UNFINISHED}", "index.html", "episodes.parquet"):
+        (out / name).parent.mkdir(parents=True, exist_ok=True)
+        (out / name).write_text("earlier")
+    for name in ("index.html", "episodes.parquet"):
+        os.link(out / name, base / name)
+    both, options = [replace(linear, seeds=seeds, evaluation=evaluation), own], ReportOptions(out=out, processes=0)
+    written = publish(both, options).stat().st_mtime_ns
+    assert publish(both, options).stat().st_mtime_ns == written  # it is up to date
     return out
-
-
-@pytest.fixture(scope="module")
-def episodes(folder):
-    return pl.read_parquet(folder / "episodes.parquet").filter(matchup="linear-blind")
 
 
 @pytest.fixture(scope="module")
@@ -49,158 +61,207 @@ def results(folder):
     return json.loads((folder / "results.json").read_text())
 
 
-def test_commands_on_the_page_are_read_by_their_own_parsers(folder, monkeypatch):
-    printed = {*re.findall(r">(impact-gym [^<]*)<", (folder / "index.html").read_text())}
-    assert len(printed) > 2
-    for command in printed:
-        read_printed(command, monkeypatch)
+@pytest.fixture(scope="module")
+def episodes(folder):
+    """Results and objects of the set-up's contestants, arrays (weights, scenarios), the smallest weight first."""
+    frame = pl.read_parquet(folder / "episodes.parquet").filter(matchup="linear-blind")
+    shaped = {}
+    for (name,), rows in frame.sort("time_weight", "scenario").group_by("contestant"):
+        count = rows["time_weight"].n_unique()
+        shaped[name] = {field: rows[field].to_numpy().reshape(count, -1) for field in frame.columns[2:]}
+    return shaped
 
 
-def of(episodes, contestant, **columns):
-    return episodes.filter(pl.col("contestant") == contestant, **columns)
+def read_at(x, xs, ys):
+    return np.interp(x, *np.array(sorted(zip(xs, ys, strict=True))).T)
 
 
-def front_of(episodes, contestant):
-    """Return mean approach time and V_p at each weight, the soonest first."""
-    means = of(episodes, contestant).group_by("time_weight").agg(pl.mean("approach_time", "object_velocity"))
-    return means.sort("approach_time").select("approach_time", "object_velocity").to_numpy().T
+def cost(rows):
+    return rows["object_velocity"] + rows["time_weight"] * rows["approach_time"] + 2.0 * rows["missed"]
 
 
-def test_answer_and_ablation_follow_from_the_episodes_on_disk(folder, results, episodes):
-    answer, (paper, *steps) = results["answers"]["linear-blind"], results["ablations"]["linear-blind"]
-    seeds = [name for name in results["contestants"]["linear-blind"] if name.startswith("seed-")]
-    time, velocity = (of(episodes, PAPER)[field].mean() for field in ("approach_time", "object_velocity"))
-    curve = np.mean([front_of(episodes, seed) for seed in seeds], axis=0)
-    assert len(seeds) == 2
-    assert answer["reduction"]["value"] == pytest.approx(1 - np.interp(time, *curve) / velocity)
-    sooner = np.interp(velocity, curve[1][::-1], curve[0][::-1])
-    assert answer["sooner"]["value"] == pytest.approx(1 - sooner / time)
-    by_seed = [1 - np.interp(time, *front_of(episodes, seed)) / velocity for seed in seeds]
-    assert sorted(answer["each"]) == pytest.approx(sorted(by_seed))
-    before = paper["velocity"]["value"]["value"]
-    assert before == pytest.approx(velocity)
-    assert [step["contestant"] for step in steps[:3]] == ["constant-speed", "constant-deceleration", "blind-profile"]
-    for step in steps[:3]:
-        after = np.interp(time, *front_of(episodes, step["contestant"]))
-        assert step["velocity"]["less"]["value"] == pytest.approx(before - after)
-        before = after
-    assert f"{100 * answer['reduction']['value']:.1f} %" in (folder / "index.html").read_text()
-    assert f"{100 * steps[0]['velocity']['share']['value']:.1f} %" in results["sentences"][1]
+def at_two(rows):
+    """Return the costs (scenarios,) at a time weight of 2 m/s per s."""
+    return cost(rows)[rows["time_weight"] == 2.0]
 
 
-def test_episodes_match_a_batch_on_the_same_scenarios(episodes):
-    frozen = evaluation_sets.load("test")
-    for name, weight in ((PAPER, 2.0), ("blind-profile", 4.0)):
-        rows = of(episodes, name, time_weight=weight).sort("scenario")
-        batch = ScenarioBatch.of("test", COUNT, time_weight=[weight])
-        judged = batch.play(load_baseline("paper-trapezoid" if name == PAPER else name, weight))
-        for field in RESULTS:
-            assert (rows[field].to_numpy() == getattr(judged, field)).all()
-    for (name, _), rows in episodes.group_by("contestant", "time_weight"):
-        for field, values in frozen.scenario.items():
-            assert (rows.sort("scenario")[field].to_numpy() == values[: len(rows)]).all(), name
+def numbers(episodes, chosen, scenarios=slice(None), seeds=SEEDS):
+    """Return lists of the report's numbers for some scenarios and seeds."""
+
+    def front(*names):
+        runs = [[episodes[name][field] for field in ("approach_time", "object_velocity")] for name in names]
+        return np.mean([[field[:, scenarios].mean(axis=1) for field in run] for run in runs], axis=0)
+
+    (time,), (velocity,) = front(PAPER)
+    policy, rule = front(*seeds), episodes[PAPER]["object_velocity"][0, scenarios]
+    read = np.array([read_at(time, *front(name)) for name in CHAIN] + [read_at(time, *policy)])
+    costs = [np.mean([at_two(episodes[name])[scenarios] for name in names]) for names in (*zip(CHAIN), seeds)]
+    late = np.array([episodes[LATE.format(seed)]["object_velocity"][0, scenarios] for seed in seeds])
+    taken, steps = at_two(episodes[chosen])[scenarios].mean(), -np.diff(read)
+    return {
+        "reduction": [1.0 - read[-1] / velocity], "velocity": [read[-1]], "rival_reduction": [1.0 - read[3] / velocity],
+        "sooner": [1.0 - read_at(velocity, *policy[::-1]) / time], "improvement": [np.mean(late < rule)],
+        "cost": [taken], "below_rule": [1.0 - taken / costs[0]],
+        "less": steps, "share": steps / steps.sum(), "cheaper": -np.diff(costs),
+    }  # fmt: skip
 
 
-def test_checksums_are_those_of_the_files(folder, results):
+def test_numbers_and_intervals_follow_from_the_episodes(results, episodes):
+    answer, choice = (results[kind]["linear-blind"] for kind in ("answers", "choices"))
+    first, *steps, last = results["ablations"]["linear-blind"]
+    assert [first["contestant"], *(step["contestant"] for step in steps)] == [*CHAIN, "learned policy"]
+    said = {name: [value] for name, value in {**answer, **choice}.items()}
+    said |= {name: [step["velocity"][name] for step in steps] for name in ("less", "share")}
+    said["cheaper"] = [step["loss"]["less"] for step in steps]
+    rng, of = np.random.default_rng(1), (episodes, choice["controller"])
+    resampled = [numbers(*of, rng.choice(COUNT, COUNT - 1), rng.choice(SEEDS, 2)) for _ in range(1000)]
+    for name, values in numbers(*of).items():
+        lows, highs = np.percentile([each[name] for each in resampled], [2.5, 97.5], axis=0)
+        for estimate, value, low, high in zip(said[name], values, lows, highs, strict=True):
+            near = 0.1 * (high - low) + 1e-9
+            assert estimate["value"] == pytest.approx(value), name
+            assert (estimate["low"], estimate["high"]) == pytest.approx((low, high), abs=near), name
+    each = [numbers(*of, seeds=[seed])["reduction"][0] for seed in SEEDS]
+    assert answer["each"] == pytest.approx(each)
+    assert (answer["missed"], answer["episodes"], answer["reached"]) == (0, 3 * 4 * COUNT, True)
+    policy, knows = (np.mean([at_two(episodes[name])[:SEARCHED] for name in names]) for names in (SEEDS, [BOUND]))
+    assert (last["contestant"], last["scenarios"]) == (BOUND, SEARCHED)
+    assert (last["loss"]["value"]["value"], last["loss"]["less"]["value"]) == pytest.approx((knows, policy - knows))
+    of_policy = last["velocity"]["value"]["value"] + last["velocity"]["less"]["value"]
+    assert of_policy == pytest.approx(numbers(*of, slice(SEARCHED))["velocity"][0])
+    bound = 100.0 * (np.mean(each) - TOLERANCE_OF_THREE * np.std(each, ddof=1))
+    assert f"at least {bound:.1f} %)" in results["sentences"][1]
+
+
+def in_scenarios(task, scenarios, *names):
+    """Return the episodes of contestants at a time weight of 2 m/s per s, and their costs, by name."""
+    found = {}
+    for name in names:
+        tuned = "paper-trapezoid" if name == PAPER else name
+        controller = load_policy("linear-blind") if name == MEDIAN else load_baseline(tuned, 2.0)
+        rows = ScenarioBatch(*scenarios, task, time_weight=[2.0], quiet=True).play(controller)
+        found[name] = rows, rows.object_velocity + 2.0 * rows.approach_time + 2.0 * rows.missed
+    return found
+
+
+def test_simplest_of_the_cheapest_in_other_scenarios_is_taken(results):
+    choice, names = results["choices"]["linear-blind"], [*CHAIN, MEDIAN]
+    costs = {name: cost for name, (_, cost) in in_scenarios(Task(), (60_000_000, 2000), *names).items()}
+    least = min(costs.values(), key=np.mean)
+    more = {name: cost - least for name, cost in costs.items()}
+    fits = [name for name in names if more[name].mean() <= 1.96 * more[name].std(ddof=1) / 2000**0.5]
+    assert (choice["controller"], choice["time_weight"]) == (fits[0], 2.0)
+    assert results["choices"]["mine"]["controller"] == "mine"
+
+
+def tables_of(folder, tab):
+    """Return the tables of a tab, each a list of rows by heading."""
+    text, found = html.unescape((folder / "index.html").read_text()).replace("\N{NO-BREAK SPACE}", " "), []
+    text = text.partition(f'<div class="setup" id="{tab}"')[2].partition('<div class="setup"')[0]
+    for table in re.findall("<table.*?</table>", text, re.DOTALL):
+        rows = [re.findall("<t[hd][^>]*>(.*?)</t[hd]>", row) for row in re.findall("<tr>(.*?)</tr>", table, re.DOTALL)]
+        head, *rows = [[re.sub("<[^>]+>", "", cell) for cell in row] for row in rows]
+        found.append([dict(zip(head, row, strict=True)) for row in rows])
+    return found
+
+
+def test_tables_follow_from_the_episodes(folder, results, episodes):
+    choice, late, _, measures, _, _, _, by_weight = tables_of(folder, "linear-blind")
+    costs = {name: at_two(episodes[name]) for name in (*CHAIN, MEDIAN)}
+    best = costs[results["choices"]["linear-blind"]["controller"]].mean()
+    for each, row in zip(costs.values(), choice, strict=True):
+        above = "best choice" if each.mean() == best else f"{100.0 * (each.mean() / best - 1.0):.1f} %"
+        assert row["Vp + 2 T (m/s)"].startswith(f"{each.mean():.4f} [")
+        assert row["against the best choice"].startswith(above)
+    for row, rows in ((measures[0], episodes[PAPER]), (measures[-1], episodes[LATE.format(MEDIAN)])):
+        peak, velocity = rows["peak_force"][0], rows["object_velocity"][0]
+        assert row["T (s)"] == f"{rows['approach_time'].mean():.4f}"
+        assert row["Vp (m/s)"].startswith(f"{velocity.mean():.3f} [")
+        assert row["Vp, mean of the worst 5 %"] == f"{np.sort(velocity)[-4:].mean():.3f}"
+        assert row["peak force (N): mean, 95 %"] == f"{peak.mean():.1f}, {np.quantile(peak, 0.95):.0f}"
+        assert row["impulse (N s)"] == f"{(velocity * rows['object_mass'][0]).mean():.4f}"
+        assert row["several contacts"] == f"{100 * (rows['contact_count'] > 1).mean():.1f} %"
+    goal = episodes[PAPER]["approach_time"].mean()
+    for row, name in zip(late, (PAPER, *CHAIN[:0:-1], LATE.format(MEDIAN)), strict=True):
+        nearest = np.argmin(np.abs(episodes[name]["approach_time"].mean(axis=1) - goal))
+        times = episodes[name]["approach_time"][nearest]
+        assert row["T (s)"] == f"{times.mean():.3g}, {np.percentile(times, 95.0):.3g}"
+
+    assert [float(row["time weight (m/s per s)"]) for row in by_weight] == [0.7, 1.0, 2.0, 4.0]  # evaluation.weights
+    for weight, row in zip((0.7, 1.0, 2.0, 4.0), by_weight, strict=True):
+        median, rival, *seeds = (cost(episodes[name])[episodes[name]["time_weight"] == weight].mean()
+                                 for name in (MEDIAN, CHAIN[3], *SEEDS))  # fmt: skip
+        _, *means, ratio, of_all, worst, gap = row.values()
+        assert means == [f"{median:.4f}", f"{rival:.4f}"]
+        assert [each.partition(" ")[0] for each in (ratio, of_all)] == [
+            f"{x / rival:.4f}" for x in (median, np.mean(seeds))
+        ]
+        most = np.mean(seeds) + TOLERANCE_OF_THREE * np.std(seeds, ddof=1)
+        assert [*map(float, worst.split(", "))] == pytest.approx([most, max(seeds)], abs=1e-4)
+        policy, rule, knows = (np.mean([cost(episodes[name])[episodes[name]["time_weight"] == weight][:SEARCHED]
+                               for name in names]) for names in (SEEDS, CHAIN[3:], [BOUND]))  # fmt: skip
+        assert [*map(float, re.findall(r"(\S+) \[", gap))] == pytest.approx([policy - knows, rule - knows], abs=6e-4)
+
+
+@pytest.mark.parametrize(("place", "task", "name"), [
+    ("objects outside the training ranges", Task(), "hard"), ("tool mass", Task(tool_mass=0.7 * 0.125), "test"),
+])  # fmt: skip
+def test_robustness_is_of_the_changed_environment(folder, place, task, name):
+    *_, changed, _, _ = tables_of(folder, "linear-blind")
+    played = in_scenarios(task, (evaluation_sets.load(name), COUNT), PAPER, CHAIN[3], MEDIAN)
+    rows = [row for row in changed if row["changed"] == place and row["to"] != "100 %"]
+    for row, (episodes, cost) in zip(rows, played.values(), strict=True):
+        means = [f"{values.mean():.4f}" for values in (cost, episodes.object_velocity, episodes.approach_time)]
+        assert [*row.values()][3:] == [*means, f"{episodes.missed.sum()} of {COUNT}"]
+
+
+def test_files_are_of_these_episodes_and_replace_earlier_ones(folder, results):
     content = (folder / "episodes.parquet").read_bytes()
     assert results["episodes"]["sha256"] == hashlib.sha256(content).hexdigest()
     tuned = json.loads((TUNED / "blind-profile.json").read_text())
     assert results["contestants"]["linear-blind"]["blind-profile"] == tuned["sha256"]
+    of_page = {path.name for path in (folder / "figures").iterdir()}
+    assert of_page == {f"{name}_{key}.svg" for name in ("linear-blind", "mine") for key in ("answer", "trade_off")}
+    assert {path.name for path in folder.iterdir()} >= {"letter", MARK}
+    for name in ("index.html", "episodes.parquet"):  # replaced, not overwritten
+        assert (folder.parent / name).read_text() == "earlier"
+    others = [path.stat().st_mtime_ns for path in folder.rglob("*") if path.name != "results.json"]
+    assert max(others) <= (folder / "results.json").stat().st_mtime_ns  # its key says that the page is complete
 
 
-@pytest.mark.parametrize("width", [390, 1280])
-def test_page_stands_on_its_own_and_has_every_chart(browser, folder, width):
-    page = stands_on_its_own(browser, folder / "index.html", width)
+def test_episodes_match_a_batch_on_the_same_scenarios(folder, episodes):
+    frozen = evaluation_sets.load("test")
+    for name, (alone, _) in in_scenarios(Task(), (frozen, COUNT), PAPER, "blind-profile").items():
+        for field in RESULTS:
+            assert (episodes[name][field][episodes[name]["time_weight"] == 2.0] == getattr(alone, field)).all()
+    tuned = json.loads((TUNED / "blind-profile.json").read_text())["weights"]
+    assert {*map(float, tuned)} <= {*episodes["blind-profile"]["time_weight"][:, 0]}  # all it was tuned for
+    for field, values in frozen.scenario.items():
+        assert all((rows[field] == values[: rows[field].shape[1]]).all() for rows in episodes.values())
+    own = pl.read_parquet(folder / "episodes.parquet").filter(matchup="mine", contestant=OWN).sort("scenario")
+    alone = ScenarioBatch(5, 6, Task(scenario=RANGES | {"distance": (0.2, 0.3)}, **TOOL)).play(PaperTrapezoid())
+    assert set(own["object_mass"]) == {0.4}
+    assert (own["object_velocity"].to_numpy() == alone.object_velocity).all()
+
+
+def test_page_stands_on_its_own_and_chooses_by_key_and_link(browser, folder, monkeypatch):
+    page = stands_on_its_own(browser, folder / "index.html", 390)
+    problems = []
+    page.on("pageerror", lambda error: problems.append(str(error)))
+    visible = "[...document.querySelectorAll('[role=tabpanel]')].filter(tab => tab.checkVisibility()).map(t => t.id)"
+    assert page.evaluate(visible) == ["linear-blind"]
     page.evaluate("document.querySelectorAll('figure img').forEach(image => { image.loading = 'eager'; })")
     shown = "[...document.querySelectorAll('.setup:not([hidden]) figure img')]"
     page.wait_for_function(f"{shown}.filter(image => image.naturalWidth > 200).length === 2")
-    assert (folder / "index.html").stat().st_size < 6e6
-    pictures = {path.name for path in (folder / "figures").iterdir()}
-    assert pictures == {f"{name}_{key}.svg" for name in ("linear-blind", "twin") for key in ("answer", "trade_off")}
-
-
-def test_page_chooses_a_set_up_by_key_and_by_link(browser, folder):
-    page, problems = opened(browser, folder / "index.html")
-    page.wait_for_selector(".igw-panel")
-    visible = "[...document.querySelectorAll('[role=tabpanel]')].filter(tab => tab.checkVisibility()).map(t => t.id)"
-    assert page.evaluate(visible) == ["linear-blind"]
     page.focus("#tab-linear-blind")
     page.keyboard.press("ArrowRight")
-    assert page.evaluate(visible) == ["twin"]
+    assert page.evaluate(visible) == ["mine"]
+    page.evaluate("document.getElementById('trade-off-linear-blind').open = false")
     page.evaluate("location.hash = '#trade-off-linear-blind'")
     page.wait_for_function(f"{visible}[0] === 'linear-blind'")
     assert page.evaluate("document.getElementById('trade-off-linear-blind').open")
     assert problems == []
-
-
-def test_report_takes_a_users_baseline_ranges_and_tool_and_plays_and_writes_only_what_changed(tmp_path, capsys):
-    scenarios = tmp_path / "mine.json"
-    ranges, tool = {"object_mass": 0.4, "distance": [0.2, 0.3]}, {"tool_mass": 0.2}
-    scenarios.write_text(json.dumps({"ranges": ranges, "seed": 5, "count": 6, "environment": tool}))
-    options = ReportOptions(policy=("linear-blind",), baseline=(OWN,), scenarios=str(scenarios),
-                            out=tmp_path / "out", processes=0)  # fmt: skip
-    of_other_sources = tmp_path / ".out.episodes" / "0"
-    of_other_sources.mkdir(parents=True)
-    page = write(options)
-    assert not of_other_sources.exists()
-    assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == [".out.episodes"]
-    (stored,) = (tmp_path / ".out.episodes").iterdir()
-    answer, before, first = capsys.readouterr().out, page.stat().st_mtime_ns, kept(stored)
-    assert f"results are kept in {stored}" in answer
-    episodes = pl.read_parquet(page.with_name("episodes.parquet"))
-    assert set(episodes["object_mass"]) == {0.4}
-    assert episodes["distance"].is_between(0.2, 0.3).all()
-    own = of(episodes, OWN).sort("scenario")
-    judged = ScenarioBatch(5, 6, Task(scenario=ranges | {"distance": (0.2, 0.3)}, **tool)).play(PaperTrapezoid())
-    assert (own["object_velocity"].to_numpy() == judged.object_velocity).all()
-
-    assert write(options).stat().st_mtime_ns == before
-    assert capsys.readouterr().out.splitlines()[-1] == answer.splitlines()[-1]
-    letter, begun = page.with_name("letter"), page.with_name("figures") / f".old.svg.1{UNFINISHED}"
-    for lost in (page, page.with_name("results.json")):  # as where it was killed
-        lost.unlink()
-        letter.touch()
-        begun.touch()
-        write(options)
-        assert [path.exists() for path in (lost, letter, begun)] == [True, True, False]
-    assert kept(stored) == first
-    write(replace(options, count=4, force=True))
-    assert len(of(pl.read_parquet(page.with_name("episodes.parquet")), OWN)) == 4
-    assert kept(stored)
-    assert not kept(stored).items() & first.items()  # what does not depend on how many scenarios there are, too
-    write(replace(options, policy=("rigid-blind",), count=4))
-    assert {path.name.partition("_")[0] for path in page.with_name("figures").iterdir()} == {"rigid-blind"}
-    assert letter.is_file()
-
-
-@pytest.mark.filterwarnings("ignore:the policy was trained for another environment")  # once in a process
-@pytest.mark.parametrize("arm", [{}, {"velocity_range": [-0.2, 1.2], "acceleration_range": [1.0, 10.0]}], ids=str)
-def test_play_as_late_has_the_rules_mean_time_on_the_validation_set_and_nearly_on_the_test_set(arm):
-    scenarios, validation = ({"set": name, "count": 200} for name in ("test", "validation"))
-    policy, rule = matchups.of_setup(load_setup("linear-blind"), scenarios).policy, {"baseline": "paper-trapezoid"}
-    late = jobs.play_as_late(policy.controller, arm, scenarios, policy.weights)
-    ours = play(policy.controller, validation, [float(late["weight"][0])], arm)
-    chosen, other = (play(rule, each, environment=arm) for each in (validation, scenarios))
-    assert ours["approach_time"].mean() == pytest.approx(chosen["approach_time"].mean(), abs=1e-3)
-    assert ours["approach_time"].mean() <= chosen["approach_time"].mean()
-    assert late["approach_time"].mean() == pytest.approx(other["approach_time"].mean(), rel=0.03)
-
-
-@pytest.mark.parametrize(("given", "ranges", "seed"), [
-    ({"set": "test", "count": 30}, "train", 60_000_000), ({"set": "hard", "count": 30}, "hard", 60_000_000),
-    ({"ranges": "train", "seed": 5, "count": 30}, "train", 60_000_005),
-])  # fmt: skip
-def test_scenarios_of_the_choice_come_from_the_same_ranges_and_other_seeds(given, ranges, seed):
-    drawn = choice.scenarios(given)
-    assert (pairs(drawn["ranges"]), drawn["seed"], drawn["count"]) == (pairs(ranges), seed, 2000)
-    table = {"table": {"distance": [0.2]}, "seed": 3, "count": 1}
-    assert choice.scenarios(table) == table
-
-
-@pytest.mark.parametrize(("scenarios", "holds_there"), [
-    ({"set": "test", "count": 64}, True), ({"set": "test", "count": 63}, False), ({"set": "hard", "count": 64}, False),
-    ({"ranges": pairs("test"), "seed": 2_000_000, "count": 64}, True),
-    ({"ranges": pairs({"distance": [0.2, 0.4]}), "seed": 2_000_000, "count": 64}, False),
-])  # fmt: skip
-def test_bound_is_shown_only_for_the_scenarios_that_were_searched(scenarios, holds_there):
-    assert (matchups.clairvoyant(load_setup("linear-blind"), scenarios) is not None) == holds_there
+    printed = {*re.findall(r">(impact-gym [^<]*)<", (folder / "index.html").read_text())}
+    assert len(printed) > 2
+    for command in printed:
+        read_printed(command, monkeypatch)

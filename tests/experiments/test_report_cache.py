@@ -1,0 +1,183 @@
+"""What a report is made from: it is made anew where that changed, and what it recommends is what is exported."""
+
+import json
+import os
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_up_matchup import played
+from own_set_up import change
+from refusal import refused
+
+from agents import provenance
+from agents.evaluate.play import pairs, play
+from agents.export.contract import of_name
+from agents.setups import load_setup
+from agents.setups.evaluation import Evaluation
+from experiments.controller import ControllerOptions, copy_setup, exporting, stages
+from experiments.report import __main__ as report
+from experiments.report import choice, jobs, matchups
+from experiments.report.matchups import PAPER, Contestant
+from impact_gym.files import locked
+
+ROOT = Path(__file__).parents[2]
+EPISODES = ("agents/evaluate/play.py", "agents/baselines/profile.py", "agents/policies/networks.py", "mine.py",
+            "agents/setups/evaluation.py", "impact_gym/task/task.py", "experiments/report/jobs.py",
+            "experiments/lab/grid.py")  # fmt: skip
+PAGE = ("experiments/report/tables.py", "experiments/lab/statistics.py", "agents/setups/linear-blind.toml")
+
+
+@pytest.fixture
+def source(tmp_path, monkeypatch):
+    """Let digests read a copy of the sources; return a function from a file's name to the file in the copy."""
+    copy, without = tmp_path / "sources", shutil.ignore_patterns("*.npz", "*.so", "*.csv", "__pycache__")
+    for name in ("impact_gym", "agents", "experiments"):
+        shutil.copytree(ROOT / name, copy / name, copy_function=os.symlink, ignore=without)
+    (copy / "mine.py").touch()
+
+    def origin_of(name):
+        path = copy.joinpath(*name.split("."))
+        return path if path.is_dir() else path.with_suffix(".py")
+
+    monkeypatch.setattr(provenance, "origin_of", origin_of)
+    return copy.joinpath
+
+
+@pytest.fixture
+def made(source, tmp_path, monkeypatch):
+    """A function that publishes a report, without playing; it returns where its episodes are kept and what they need.
+
+    It returns None if the report is up to date.
+    """
+    asked, usual = [], replace(played().matchup, scenarios={"set": "test", "count": 9})
+    own = Contestant("mine:rule", {"object": "mine:rule"}, (2.0,), "")
+    usual = replace(usual, baselines=(*usual.baselines, own))
+
+    def play(_, folder, depends, *__):
+        folder.mkdir(parents=True, exist_ok=True)
+        asked.append((folder, depends))
+
+    def write(_, options, made_from, begun):
+        refused(lambda: locked(options.out / report.MARK, wait=False).__enter__(), "is being written")
+        (options.out / "index.html").touch()
+        (options.out / "results.json").write_text(json.dumps({"made from": made_from, "sentences": []}))
+
+    def made(changes=None, **options):
+        asked.clear()
+        report.publish([replace(usual, **(changes or {}))], report.ReportOptions(out=tmp_path / "out", **options))
+        return asked[0] if asked else None
+
+    monkeypatch.setattr(jobs, "play_matchups", play)
+    monkeypatch.setattr(report, "write_folder", write)
+    return made
+
+
+def test_report_is_made_anew_where_its_input_changed(made, tmp_path):
+    first, seed = made(), Contestant("seed-0", {"policy": "other"}, (1.0, 2.0), "")
+    assert made() is None
+    for changes in (
+        {"scenarios": {"set": "test", "count": 8}}, {"scenarios": {"set": "hard", "count": 9}}, {"seeds": (seed,)},
+        {"environment": {"rtol": 1e-9}}, {"evaluation": Evaluation(weights=(1.0,))}, {"title": "Other"},
+    ):  # fmt: skip
+        assert (made(changes), made(changes), made()) == (first, None, first), changes
+    assert (made(policy=("mine",)), made(), made(force=True)) == (first,) * 3
+    for lost in ("index.html", "results.json"):  # as where it was killed
+        (tmp_path / "out" / lost).unlink()
+        assert (made(), made()) == (first, None)
+
+
+def test_report_is_made_anew_where_its_sources_changed(made, source, monkeypatch):
+    before = made()
+    for name in (*EPISODES, *PAGE):
+        text = source(name).read_text()
+        source(name).unlink()
+        source(name).write_text(f"{text}\n")
+        now = made()
+        assert now, name
+        assert (now != before) == (name in EPISODES), name  # only episodes that depend on it are played again
+        assert [*now[0].parent.iterdir()] == [now[0]]  # those of other sources are gone
+        before = now
+    monkeypatch.setattr(report, "compiled_from", lambda: "other")
+    now = made()
+    assert now[0] != before[0]
+    (now[0] / "kept").touch()
+    assert made(force=True) == now
+    assert not (now[0] / "kept").exists()
+
+
+def test_jobs_are_kept_by_all_they_depend_on(monkeypatch, tmp_path):
+    asked = []
+
+    def cached(_, calls, *given, depends, **__):
+        asked.extend((call, *given, depends) for call in calls)
+        return [{"weight": np.array([1.0])}] * len(calls)
+
+    monkeypatch.setattr(jobs, "cached", cached)
+    matchup = replace(played(missed_cost=5.0).matchup, scenarios={"set": "test", "count": 9})
+    (results,) = jobs.play_matchups([matchup], tmp_path, "sources", 0, None)
+    runs = [*results.seeds.values(), *results.baselines.values(), *results.choosing.values()]
+    assert {run.missed_cost for run in runs} == {5.0}
+    for call, *given in asked:
+        assert given == [tmp_path, "sources"]
+        assert call["arguments"]["environment"] == {"missed_cost": 5.0}
+        assert call["where"] != "choosing" or call["arguments"]["weights"] == [2.0]
+
+
+def test_choice_has_scenarios_of_its_own():
+    for given, ranges, seed in (
+        ({"set": "test"}, "train", 0), ({"set": "hard"}, "hard", 0), ({"ranges": "train", "seed": 5}, "train", 5),
+    ):  # fmt: skip
+        drawn = choice.scenarios({**given, "count": 30})
+        assert (pairs(drawn["ranges"]), drawn["seed"], drawn["count"]) == (pairs(ranges), 60_000_000 + seed, 2000)
+    table = {"table": {"distance": [0.2]}, "seed": 3, "count": 1}
+    assert choice.scenarios(table) == table
+
+
+@pytest.mark.filterwarnings("ignore:the policy was trained for another environment")  # once in a process
+@pytest.mark.parametrize("arm", [{}, {"velocity_range": [-0.2, 1.2], "acceleration_range": [1.0, 10.0]}], ids=str)
+def test_play_as_late_has_the_rules_mean_time(arm):
+    """Where the weight is found it is met and not exceeded; in other scenarios, nearly."""
+    scenarios, validation = ({"set": name, "count": 200} for name in ("test", "validation"))
+    policy, rule = matchups.of_setup(load_setup("linear-blind"), scenarios).policy, {"baseline": "paper-trapezoid"}
+    late = jobs.play_as_late(policy.controller, arm, scenarios, policy.weights)
+    ours = play(policy.controller, validation, [float(late["weight"][0])], arm)
+    chosen, other = (play(rule, each, environment=arm) for each in (validation, scenarios))
+    assert ours["approach_time"].mean() == pytest.approx(chosen["approach_time"].mean(), abs=1e-3)
+    assert ours["approach_time"].mean() <= chosen["approach_time"].mean()
+    assert late["approach_time"].mean() == pytest.approx(other["approach_time"].mean(), rel=0.03)
+
+
+@pytest.mark.parametrize(("scenarios", "shown"), [
+    ({"set": "test"}, True), ({"set": "test", "count": 63}, False), ({"set": "hard"}, False),
+    ({"ranges": pairs("test"), "seed": 2_000_000}, True), ({"ranges": pairs("test"), "seed": 2_000_001}, False),
+    ({"ranges": pairs({"distance": [0.2, 0.4]}), "seed": 2_000_000}, False),
+])  # fmt: skip
+def test_bound_is_shown_only_for_scenarios_it_searched(scenarios, shown):
+    assert (matchups.clairvoyant(load_setup("linear-blind"), {"count": 64} | scenarios) is not None) == shown
+
+
+def test_recommended_controller_is_exported_for_the_users_arm(mine, tmp_path):
+    out = tmp_path / "out"
+    options = ControllerOptions(str(mine), out, time_weight=3.0)
+    copy = copy_setup(load_setup(mine), out)
+    (out / "report").mkdir()
+    for best, source in (
+        (PAPER, "paper-trapezoid"), ("mine-profile", out / "tuned" / "mine-profile.json"),
+        ("seed-1", out / "policies" / "mine.npz"),
+    ):  # fmt: skip
+        (out / "report" / "results.json").write_text(json.dumps({"choices": {"mine": {"controller": best}}}))
+        found = exporting(copy, options)
+        assert (found.controller, found.setup) == (str(source), None if best == "seed-1" else str(copy))
+    rule = of_name("paper-trapezoid", load_setup(str(copy)))
+    assert (rule.task.velocity_range, rule.task.tool_mass) == ((-0.2, 0.6), load_setup(mine).task.tool_mass)
+    everything = exporting(copy, replace(options, all=True))
+    assert (everything.controller, everything.setup, everything.folder) == (str(copy), None, out)
+
+    (_, tuning), (_, training), (_, page) = stages(copy, options).values()
+    assert (tuning.weights, page.time_weight) == ((1.0, 3.0, 4.0), 3.0)
+    assert (tuning.out, training.policies, page.folder) == (out / "tuned", out / "policies", out)
+    change(mine, "weights = [1.0, 4.0]", "weights = [1.0, 3.0]")
+    refused(lambda: copy_setup(load_setup(mine), out), "another version of mine.toml")
