@@ -6,7 +6,6 @@ import sys
 import warnings
 from errno import ENOSPC
 from importlib.metadata import version
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ from own_set_up import change
 from refusal import refused
 from scipy.stats import ttest_1samp
 
-from agents.command_line import command_line, command_of, read_command
+from agents.command_line import command_line, command_of, joined, read_command
 from agents.evaluate.play import pairs, play
 from agents.export.__main__ import Export
 from agents.policies import load_ensemble
@@ -62,16 +61,7 @@ def test_help_of_a_command_is_in_words_of_a_user(name, exit_of, capsys):
     assert text.startswith(f"usage: impact-gym {name} ")
     for jargon in ("STR", "[[", "{None}", "experiments.", "agents."):
         assert jargon not in text, jargon
-
-
-def test_help_fills_its_lines(exit_of, capsys, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "80")
-    exit_of("train", "--help")
-    rows = [line[1:-1].rstrip() for line in capsys.readouterr().out.splitlines() if line.startswith("  ")]
-    assert len(rows) > 50
-    for row, after in pairwise(rows):
-        if "  " in row[1:] and after.startswith(10 * " "):
-            assert len(row) + len(after.split()[0]) >= 77, row
+    assert joined(lambda: "the lines\n    of a text") == "the lines of a text"
 
 
 def test_commands_are_listed_for_no_or_an_unknown_name(exit_of, capsys):
