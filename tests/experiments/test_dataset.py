@@ -73,23 +73,23 @@ def rule(made, root):
     return shutil.copytree(made, root) / NAME / "data"
 
 
-def replayed(env, seed, episode, predict):
-    """Play an episode of the dataset again; check what was recorded, and return the reward of each step."""
-    (observation, _), rewards, ended = env.reset(seed=seed), [], False
-    while not ended:
-        assert np.array_equal(episode.observations[len(rewards)], observation)
-        action, _ = predict(observation, deterministic=True)
-        assert np.array_equal(episode.actions[len(rewards)], action)
-        observation, reward, ended, _, info = env.step(action)
-        rewards.append(reward)
-        assert episode.infos["position"][len(rewards)] == env.unwrapped.sensors()["position"]
+def check_by_hand(env, seed, episode, player):
+    """Play the actions of an episode again, and let the player choose them again."""
+    observation, _ = env.reset(seed=seed)
+    observations, rewards, ended, cut, infos = zip(*map(env.step, episode.actions), strict=True)
+    assert np.array_equal(episode.observations, [observation, *observations])
+    assert np.array_equal(episode.actions, player.predict(episode.observations[:-1], deterministic=True)[0])
     assert np.array_equal(episode.rewards, rewards)
-    assert episode.terminations.tolist() == [False] * (len(rewards) - 1) + [True]
-    assert not episode.truncations.any()
-    assert episode.infos["object_velocity"][-1] == info["object_velocity"]
-    cost = info["object_velocity"] + episode.infos["time_weight"][-1] * info["approach_time"]
-    assert -sum(rewards) == pytest.approx(cost, rel=1e-12)
-    return rewards
+    assert np.array_equal([episode.terminations, episode.truncations], [ended, cut])
+    assert ended.index(True) == len(ended) - 1
+    last = {name: values[-1] for name, values in episode.infos.items()}
+    assert (last["object_velocity"], last["position"]) == (
+        infos[-1]["object_velocity"],
+        env.unwrapped.sensors()["position"],
+    )
+    assert -sum(rewards) == pytest.approx(
+        last["object_velocity"] + last["time_weight"] * last["approach_time"], rel=1e-12
+    )
 
 
 def test_episodes_are_those_of_the_environment_in_order(capsys, monkeypatch):
@@ -101,9 +101,8 @@ def test_episodes_are_those_of_the_environment_in_order(capsys, monkeypatch):
         assert dataset.check(name) == COUNT
         for seed, episode in enumerate(minari.load_dataset(name), start=SEED):
             profile = load_baseline(setup.against[0], episode.infos["time_weight"][0]).for_task(setup.task)
-            player = {"rule": rule, "profile": profile, "policy": policy}[who]
-            rewards = replayed(env, seed, episode, player.predict)
-            returns, steps = [*returns, sum(rewards)], steps + len(rewards)
+            check_by_hand(env, seed, episode, {"rule": rule, "profile": profile, "policy": policy}[who])
+            returns, steps = [*returns, episode.rewards.sum()], steps + len(episode.rewards)
         assert line == f"{name}: {COUNT} episodes, {steps} steps, mean return {np.mean(returns):.4f} m/s"
         about = dataset.MinariStorage.read_raw_metadata(dataset.get_dataset_path(name) / "data")
         assert (about["total_episodes"], about["total_steps"]) == (COUNT, steps)

@@ -196,9 +196,8 @@ def test_row_of_a_planted_fault_breaks_its_promise(fault, promise, coupling):
 def test_check_finds_an_object_slowed_between_two_contacts():
     outcome = ig.simulate(*approach_of(ig.SpringDamper(150.0), e=1.0).run)
     first, second, *rest = outcome.contacts
-    slowed = second._replace(object_velocity=first.object_velocity - 1e-6)
-    wrong = outcome._replace(contacts=(first, slowed, *rest))
-    assert storm.checked(approach_of().scene, wrong)["pull"] > promises.PULL
+    slowed = first, second._replace(object_velocity=first.object_velocity - 1e-6), *rest
+    assert storm.checked(approach_of().scene, outcome._replace(contacts=slowed))["pull"] > promises.PULL
 
 
 def test_failures_name_runs_that_stop_hang_or_do_not_settle():

@@ -134,16 +134,17 @@ def test_quick_run_has_fewer_cells_and_only_names_tables(study, tmp_path, monkey
         run(study, tmp_path / "one", only=("cube",))
 
 
-def test_cell_that_fails_is_an_error_or_a_row_with_its_reason(study, tmp_path):
-    log = str(tmp_path / "log")
-    cells = [Cell({"kind": kind}, {"numbers": [k], "log": log}) for k, kind in enumerate(("none", "one"))]
+def test_cell_that_fails_is_an_error_or_a_row(study, tmp_path):
+    cells = [
+        Cell({"kind": kind}, {"numbers": [k], "log": str(tmp_path / "log")}) for k, kind in ((1, "one"), (0, "none"))
+    ]
     first = replace(study.measurements[0], cells=lambda *_: cells)
     with pytest.raises(RuntimeError, match="1 of 2 jobs failed"):
         run(replace(study, measurements=(first,)), tmp_path / "out")
     allowed = replace(first, failed=lambda labels: {"number": len(labels["kind"])})
     rows = run(replace(study, measurements=(allowed,)), tmp_path / "out")["squares"].to_dicts()
-    assert rows[0] == {"kind": "none", "number": 4, "failure": "ValueError: no zero", "square": None}
-    assert rows[1] == {"kind": "one", "number": 1, "failure": None, "square": 1}
+    assert rows[0] == {"kind": "one", "number": 1, "failure": None, "square": 1}
+    assert rows[1] == {"kind": "none", "number": 4, "failure": "ValueError: no zero", "square": None}
 
 
 def test_large_table_is_parquet_and_none_of_another_kind_stays(study, tmp_path):

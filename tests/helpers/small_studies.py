@@ -2,7 +2,6 @@
 
 import builtins
 import io
-import os
 import sys
 from collections import defaultdict
 from dataclasses import replace
@@ -22,7 +21,7 @@ ROOT = Path(__file__).parents[2]
 def cells_of(name, setup=bench.SETUPS[0]):
     """The few cells of each table, or a function that returns them."""
     if name == "paper":
-        return {figure: [Cell({}, {})] for figure in ("figure_02", "figure_22")}
+        return {figure: [Cell({}, {})] for figure in ("figure_02", "figure_23")}
     if name == "speed":
         return {"truth": [Cell({"scene": "soft"}, {"approach": "soft"})], "times": beside_scipy}
     if name == "stability":  # 27: every coupling with every robot, three times
@@ -76,17 +75,16 @@ def watched_run(name, folder):
     used, perform, read = defaultdict(set), jobs.perform, builtins.open
 
     def watched(call, versions):
-        files = used[call.function]
-
         def opened(file, *options, **named):
-            if isinstance(file, str | os.PathLike):
-                files.add(os.path.abspath(file))
+            used[call.function].add(file)
             return read(file, *options, **named)
 
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(io, "open", opened)
-            patch.setattr(builtins, "open", opened)
-            sys.setprofile(lambda frame, event, _: event == "call" and files.add(frame.f_code.co_filename))
+            for module in (io, builtins):
+                patch.setattr(module, "open", opened)
+            sys.setprofile(
+                lambda frame, event, _: event == "call" and used[call.function].add(frame.f_code.co_filename)
+            )
             try:
                 return perform(call, versions)
             finally:
@@ -95,7 +93,7 @@ def watched_run(name, folder):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(jobs, "perform", watched)
         (run := small_run(name, folder)).write()
-    inside = (f"{ROOT}/impact_gym/", f"{ROOT}/agents/", f"{ROOT}/experiments/")
+    ours = tuple(f"{ROOT}/{package}/" for package in ("impact_gym", "agents", "experiments"))
     return run, {
-        function: {Path(file) for file in files if file.startswith(inside)} for function, files in used.items()
+        function: {Path(file) for file in files if str(file).startswith(ours)} for function, files in used.items()
     }
