@@ -127,7 +127,8 @@ STUDY = Study(
     measurements=(
         # processes=0, because other processes are limited to one thread
         Measurement(
-            "environments", lambda quick, _: [Cell({}, {"quick": quick})], stepped, ("impact_gym",), processes=0
+            "environments", lambda quick, _: [Cell({}, {"quick": quick})], stepped, ("impact_gym", "agents.baselines"),
+            processes=0,
         ),
         Measurement(
             "rates", lambda quick, _: [Cell({"set-up": name}, {"name": name, "quick": quick}) for name in SETUPS],

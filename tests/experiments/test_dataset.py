@@ -1,10 +1,13 @@
 """Datasets of Minari: their contract, atomic writes, bit-exact replay; an operator made of tries."""
 
 import json
-import subprocess
+import runpy
+import shutil
 import sys
 import tomllib
+from dataclasses import replace
 from functools import partial
+from importlib.metadata import version
 from pathlib import Path
 
 import h5py
@@ -14,14 +17,19 @@ import tomli_w
 from play_client import pushed
 from refusal import refused
 
+from agents.baselines import PaperTrapezoid, load_baseline
+from agents.policies import load_policy
 from agents.setups import load_setup
 from experiments.play import try_files
 from impact_gym.envs.batch import Batch
+from impact_gym.sources import compiled_from
 from impact_gym.task import Task
 
 minari = pytest.importorskip("minari")
 dataset = pytest.importorskip("experiments.dataset")
-COUNT = 12
+COUNT, SEED = 5, 123
+NAME = "impact/linear-blind/rule-v0"
+EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "minari_again.py"
 
 
 @pytest.fixture(autouse=True)
@@ -43,56 +51,103 @@ def folder(tmp_path_factory):
 
 
 def make(source="linear-blind", **options):
-    dataset.work(dataset.DatasetOptions(str(source), **{"episodes": COUNT, **options}))
+    dataset.work(dataset.DatasetOptions(str(source), **{"episodes": COUNT, "seed": SEED, **options}))
 
 
 rule_of = partial(make, who=("rule",))
-check_rule = partial(dataset.check, "impact/linear-blind/rule-v0")
 
 
-def test_each_player_of_a_set_up_has_a_dataset_that_replays(capsys):
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A folder with the dataset NAME; `rule` copies it."""
+    path = tmp_path_factory.mktemp("made")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(dataset.ROOT, str(path))
+        rule_of()
+    return path
+
+
+@pytest.fixture
+def rule(made, root):
+    """The folder of a copy of the dataset NAME."""
+    return shutil.copytree(made, root) / NAME / "data"
+
+
+def check_by_hand(env, seed, episode, player):
+    """Play the actions of an episode again, and let the player choose them again."""
+    observation, _ = env.reset(seed=seed)
+    observations, rewards, ended, cut, infos = zip(*map(env.step, episode.actions), strict=True)
+    assert np.array_equal(episode.observations, [observation, *observations])
+    assert np.array_equal(episode.actions, player.predict(episode.observations[:-1], deterministic=True)[0])
+    assert np.array_equal(episode.rewards, rewards)
+    assert np.array_equal([episode.terminations, episode.truncations], [ended, cut])
+    assert ended.index(True) == len(ended) - 1
+    last = {name: values[-1] for name, values in episode.infos.items()}
+    assert (last["object_velocity"], last["position"]) == (
+        infos[-1]["object_velocity"],
+        env.unwrapped.sensors()["position"],
+    )
+    assert -sum(rewards) == pytest.approx(
+        last["object_velocity"] + last["time_weight"] * last["approach_time"], rel=1e-12
+    )
+
+
+def test_episodes_are_those_of_the_environment_in_order(capsys, monkeypatch):
     make()
-    names = [f"impact/linear-blind/{who}-v0" for who in dataset.PLAYERS]
-    assert [line.split(":")[0] for line in capsys.readouterr().out.splitlines()] == names
-    for name in names:
+    printed, setup = capsys.readouterr().out.splitlines(), load_setup("linear-blind")
+    env, rule, policy = setup.make(time_weight=setup.training.time_weight), PaperTrapezoid(), load_policy(setup.name)
+    for who, line in zip(dataset.PLAYERS, printed, strict=True):
+        name, returns, steps = f"impact/linear-blind/{who}-v0", [], 0
         assert dataset.check(name) == COUNT
-        loaded = minari.load_dataset(name)
-        for episode in loaded:
-            assert all(map(loaded.observation_space.contains, episode.observations))
-            assert all(map(loaded.action_space.contains, episode.actions))
-    example = Path(__file__).parents[2] / "docs" / "examples" / "minari_again.py"
-    command = [sys.executable, str(example), "impact/linear-blind/profile-v0"]
-    assert subprocess.run(command, capture_output=True, text=True, check=True).stdout == "begins as recorded: True\n"
+        for seed, episode in enumerate(minari.load_dataset(name), start=SEED):
+            profile = load_baseline(setup.against[0], episode.infos["time_weight"][0]).for_task(setup.task)
+            check_by_hand(env, seed, episode, {"rule": rule, "profile": profile, "policy": policy}[who])
+            returns, steps = [*returns, episode.rewards.sum()], steps + len(episode.rewards)
+        assert line == f"{name}: {COUNT} episodes, {steps} steps, mean return {np.mean(returns):.4f} m/s"
+        about = dataset.MinariStorage.read_raw_metadata(dataset.get_dataset_path(name) / "data")
+        assert (about["total_episodes"], about["total_steps"]) == (COUNT, steps)
+        assert (about["algorithm_name"], about["solver"]) == (who, compiled_from())
+        assert f"impact-gym=={version('impact-gym')}" in about["requirements"]
+        assert dataset.PLAYERS[who] in about["description"]
+    monkeypatch.setattr(sys, "argv", ["", "impact/linear-blind/profile-v0"])
+    runpy.run_path(str(EXAMPLE))
+    assert capsys.readouterr().out == "begins as recorded: True\n"
 
 
-def test_failed_write_leaves_nothing_and_nothing_is_overwritten(root):
+def test_failed_write_leaves_nothing_and_none_is_replaced(root):
     setup = load_setup("linear-blind")
 
     def stopped():
         yield dataset.recorded(setup.make(), 1, {}, dataset.players("rule", setup))
         raise KeyboardInterrupt
 
-    named = ("impact/linear-blind/rule-v0", setup.make(), stopped(), dataset.DatasetOptions("linear-blind"), "rule", "")
     with pytest.raises(KeyboardInterrupt):
-        dataset.write(*named)
+        dataset.write(NAME, setup.make(), stopped(), dataset.DatasetOptions("linear-blind"), "rule", "")
     assert not minari.list_local_datasets()
     assert not list(root.rglob("*.hdf5"))
     rule_of()
-    refused(rule_of, "there is a dataset impact/linear-blind/rule-v0 already", "another --version")
+    refused(rule_of, f"there is a dataset {NAME} already", "another --version")
     rule_of(version=1)
     assert {*minari.list_local_datasets()} == {f"impact/linear-blind/rule-v{version}" for version in (0, 1)}
 
 
-def test_dataset_of_another_version_is_refused(tmp_path):
-    refused(lambda: dataset.check("impact/no-v0"), "there is no dataset 'impact/no-v0'")
-    rule_of()
-    file = next(tmp_path.rglob("main_data.hdf5"))
-    with h5py.File(file, "a") as content:
-        content["episode_3/rewards"][5] += 1e-16 + abs(content["episode_3/rewards"][5]) * 1e-15
-    refused(check_rule, "rewards of episode 3 differ when replayed", "the dataset was made with impact-gym==")
-    about = next(tmp_path.rglob("metadata.json"))
+@pytest.mark.parametrize("what", ["observations", "rewards", "terminations", "truncations"])
+def test_check_refuses_an_episode_that_differs_in_one_bit(rule, what):
+    with h5py.File(rule / "main_data.hdf5", "a") as content:
+        column = content[f"episode_{COUNT - 1}/{what}"]
+        flag = column.dtype == bool
+        column[5] = ~column[5] if flag else np.nextafter(column[5], np.inf, dtype=column.dtype)
+    said = f"{what} of episode {COUNT - 1} differ when replayed", "the dataset was made with impact-gym=="
+    refused(lambda: make(NAME, check=True), *said)
+
+
+def test_check_counts_or_refuses_what_it_cannot_load(rule, capsys):
+    make(NAME, check=True)
+    assert capsys.readouterr().out == f"{NAME}: {COUNT} episodes replay exactly\n"
+    refused(lambda: dataset.check("impact/no-v0"), "there is no dataset 'impact/no-v0'", NAME)
+    about = rule / "metadata.json"
     about.write_text(about.read_text().replace("time_weight", "weight_of_time"))  # an unknown argument
-    refused(check_rule, "cannot be loaded", "weight_of_time")
+    refused(lambda: dataset.check(NAME), "cannot be loaded", "weight_of_time")
 
 
 RUN = "subprocess:check_output"
@@ -106,19 +161,16 @@ HOSTILE = {  # the named field, and a hostile value in a dataset's metadata
 }
 
 
-@pytest.mark.parametrize("spaces", [True, False], ids=["", "without spaces, for which Minari makes the environment"])
 @pytest.mark.parametrize("field", HOSTILE)
-def test_check_imports_nothing_that_a_dataset_names(root, tmp_path, monkeypatch, field, spaces):
-    rule_of()
+def test_check_imports_nothing_that_a_dataset_names(rule, tmp_path, monkeypatch, field):
     monkeypatch.chdir(tmp_path)
     Path("trace.csv").write_text("0,0.01\n0.016,0.02\n")
-    file = next(root.rglob("impact/linear-blind/rule-v0/data/metadata.json"))
-    about = json.loads(file.read_text())
+    about = json.loads((rule / "metadata.json").read_text())
     about["env_spec"] = json.dumps(json.loads(about["env_spec"]) | HOSTILE[field])
-    if not spaces:
-        del about["observation_space"]
-    file.write_text(json.dumps(about))
-    refused(check_rule, "cannot be loaded", field)
+    for _ in range(2):  # the second time without spaces, for which Minari makes the environment
+        (rule / "metadata.json").write_text(json.dumps(about))
+        refused(lambda: dataset.check(NAME), "cannot be loaded", field)
+        about.pop("observation_space", None)
     assert not Path("evil").exists()
 
 
@@ -126,20 +178,19 @@ def test_check_imports_nothing_that_a_dataset_names(root, tmp_path, monkeypatch,
     ({"who": ("nobody",)}, ("who must be one of rule, profile, policy", "'nobody'")),
     ({"who": ("json:nothing",)}, ("no controller 'json:nothing'",)),
     ({"who": ("rule", "rule")}, ("who must have no equal entries", "'rule'")),
-    ({"episodes": 0}, ("episodes must be", "at least 1", "got 0")),
     ({"namespace": "../.."}, ("Malformed dataset ID",)),
     ({"source": "no-such"}, ("no set-up 'no-such'",)),
 ])  # fmt: skip
-def test_bad_input(options, said):
-    refused(lambda: make(**{"who": ("rule",), **options}), *said)
+def test_bad_options_are_refused(options, said):
+    refused(lambda: rule_of(**options), *said)
 
 
-def test_policy_is_refused_where_there_is_none_and_a_set_up_with_an_operator_takes_random_actions(tmp_path):
+def test_players_of_an_own_set_up_and_of_one_with_an_operator(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text(tomli_w.dumps({"environment": {"coupling": {"type": "SpringDamper", "stiffness": 80.0}}}))
     refused(lambda: make(str(path), who=("policy",)), "mine")
-    rule_of(path)
-    assert dataset.check("impact/mine/rule-v0") == COUNT
+    rule_of(path, episodes=2)
+    assert dataset.check("impact/mine/rule-v0") == 2
     make("teleop-spring", who=("random",), episodes=2)
     assert dataset.check("impact/teleop-spring/random-v0") == 2
 
@@ -174,9 +225,12 @@ def test_operator_draws_every_recording_and_a_set_up_takes_it(folder, tmp_path):
         assert len({*sent}) > 20
 
 
-def test_tries_that_do_not_count_or_do_not_fit_are_refused(tmp_path):
+def test_tries_that_do_not_count_or_fit_are_refused(folder, tmp_path):
     refused(lambda: make(tmp_path), "has no try of a person to use")
-    for setup in ("teleop-rigid", "teleop-spring"):
-        try_files.write(tmp_path / f"{setup}.json", pushed(lambda time: 0.4 if time < 2.0 else 0.0, setup=setup))
+    this = try_files.read(folder / "0.json")
+    other = replace(this, result=this.result | {"done_time": 0.9})
+    try_files.write(tmp_path / "0.json", other)
+    refused(lambda: make(tmp_path), "a try ends at another time when replayed")
+    try_files.write(tmp_path / "1.json", replace(this, environment=load_setup("teleop-rigid").environment))
     refused(lambda: make(tmp_path, operator=tmp_path / "operator.toml"), "several set-ups or couplings")
     assert not (tmp_path / "operator.toml").exists()

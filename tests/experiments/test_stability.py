@@ -1,60 +1,137 @@
-"""The storm covers its ranges, its checks find planted faults, and the page lists every failure."""
+"""Solvers: truths with 34 digits, rivals, ratios of times; the storm covers its ranges and finds planted faults."""
 
 import math
+import sys
+from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 import polars as pl
 import pytest
-from browser_pages import text_of_a_page_that_stands_on_its_own
-from small_studies import small_run
 from solver_scenes import COUPLINGS, MOTION, ROBOTS, scene
 
 import impact_gym as ig
-from experiments.lab.study import Cell
-from experiments.studies import stability
-from experiments.studies.solvers import approaches
-from experiments.studies.solvers.approaches import Approach
+from experiments.studies import speed
+from experiments.studies.solvers import approaches, contenders, taylor
+from experiments.studies.solvers.approaches import Approach, Solution
+from experiments.studies.solvers.contenders import CAREFUL, OURS, PEER
 from experiments.studies.stability import promises, storm
 from impact_gym.scene import Dissipation
 
-FEW = 27  # scenes: every coupling with every robot, three times
+NAMED = {approach.name: approach for approach in approaches.named()}
+EXACT = {  # V_p (m/s) and alarm (s) by heyoka with 34 digits, contacts and snap-throughs
+    "soft": (0.905899485093212675629, 0.322000066778097937597, 1, 0),
+    "stiff": (0.753695229998893228602, 0.314886173891385444189, 2, 0),
+    "inelastic": (0.724287566519004587050, 0.314908404960634190204, 1, 0),
+    "multiple": (0.663937595339476983652, 0.313172452369969756310, 6, 0),
+    "pushed": (1.173074476587690720316, 0.313073438210320629206, 2, 0),
+    "bistable": (0.445615833732323517350, 0.311879593480487602894, 1, 2),
+}
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_named_approaches_have_their_34_digits(name):
+    ours, _ = contenders.solved(NAMED[name], OURS, 1e-13)
+    found = ours.velocity, ours.detection_time, ours.contacts, ours.passes
+    assert found == pytest.approx(EXACT[name], rel=0.0, abs=1e-13)
+
+
+def test_truth_of_a_named_approach_is_that_of_two_methods():
+    (truth,) = contenders.true_row("soft")
+    found = (truth[name] for name in ("velocity", "detection_time", "second_contacts", "second_passes"))
+    assert (*found,) == pytest.approx(EXACT["soft"], rel=0.0, abs=1e-12)
+    assert truth["velocity_doubt"] < 1e-9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMED)
+def test_heyoka_with_34_digits_confirms_truth_and_contenders(name):
+    number = getattr(pytest.importorskip(PEER), "real128", None) or pytest.skip("heyoka has no numbers of 34 digits")
+    exact, truth = taylor.Run(*NAMED[name].run, 1e-30, number).solve(), contenders.true_row(name)[0]
+    assert (float(exact.velocity), float(exact.detection_time)) == pytest.approx(EXACT[name][:2], rel=1e-15)
+    assert truth["velocity"] == pytest.approx(EXACT[name][0], rel=0.0, abs=1e-13)
+    for solver, setting, error in ((OURS, 1e-13, 1e-14), (PEER, 1e-10, 1e-7)):
+        solution, _ = contenders.solved(NAMED[name], solver, setting)
+        assert contenders.failure(solution, exact, error) == ""
+        assert solution.detection_time == pytest.approx(EXACT[name][1], rel=0.0, abs=1e-9)
+
+
+def test_a_rival_that_is_missing_or_fails_is_a_row(monkeypatch):
+    monkeypatch.setitem(sys.modules, PEER, None)
+    taylor.integrator.cache_clear()
+    truth = {"velocity": EXACT["stiff"][0], "detection_time": EXACT["stiff"][1], "contacts": 2}
+    ours, *failed = contenders.timed("stiff", truth, [(OURS, 1e-6), (f"{CAREFUL} Euler", 1e-6), (PEER, 1e-6)], rounds=2)
+    assert ours["failure"] == ""
+    assert 0.0 < ours["microseconds"] < math.inf
+    assert ours["velocity_error"] < 1e-6
+    for row, reason in zip(failed, ("ValueError", "ModuleNotFoundError"), strict=True):
+        assert row["failure"].startswith(f"{contenders.GAVE_UP}: {reason}")
+        assert row["microseconds"] == math.inf
+
+
+def test_time_of_a_call_is_the_mean_of_the_best_round(monkeypatch):
+    seconds = iter([9.0, 1e-3, *[2e-3] * 2, *[4e-3] * 2, 1e-3, 1.0])  # the first call is not timed
+    monkeypatch.setattr(contenders, "solved", lambda *_: (Solution(1.0), next(seconds)))
+    (row,) = contenders.timed("soft", {"velocity": 1.5}, [(OURS, 1e-6)], rounds=2)
+    assert (row["microseconds"], row["velocity_error"]) == pytest.approx((1e6 * 5e-3 / 3, 0.5))
+
+
+@pytest.mark.parametrize(("change", "kind"), [
+    ({"velocity": 1.009}, ""), ({"velocity": 1.011}, contenders.WRONG), ({"velocity": math.nan}, contenders.NOT_FINITE),
+    *(({name: value}, contenders.MISCOUNTED) for name, value in
+      (("contacts", 1), ("passes", 0), ("detection_time", math.nan))),
+])  # fmt: skip
+def test_failure_names_the_error_of_a_solution(change, kind):
+    exact = Solution(1.0, 10.0, 0.1, 0.3, contacts=2, passes=1)
+    assert contenders.failure(replace(exact, **change), exact, contenders.TOO_WRONG) == kind
+
+
+def test_ratio_is_of_the_cheapest_setting_that_keeps_its_error():
+    names = ["contender", "setting", "microseconds", "velocity_error"]
+    rows = [["heyoka", 1e-3, 10.0, 1e-9], ["heyoka", 1e-4, 100.0, 1e-5], ["heyoka", 1e-5, 1e3, 1e-7]]
+    rows = pl.DataFrame([*rows, [OURS, 1e-6, 50.0, 1e-8]], names, orient="row")
+    rows = rows.with_columns(failure=pl.lit(""), scene=pl.lit("soft"), rival=pl.lit("heyoka"))
+    found = speed.ratios(rows)
+    assert found["ratio"].to_list() == [0.2, 20.0, None, None]
+    assert speed.answer(found).startswith("Faster than impact_gym: heyoka takes 0.20 times as long")
+    assert speed.answer(found.filter(error=1e-6)).startswith("No rival is faster than impact_gym")
+    cells = [["50", "10"], ["50", "1000"], ["50", "not reached"], ["-", "not reached"]]
+    assert [row[1:] for row in speed.table_of(found).rows] == cells
+    truths = pl.DataFrame({"scene": ["soft"], "description": [""], "velocity_doubt": [1e-12]})
+    (axes,) = speed.drawn(rows, truths).figure.axes
+    curves = {tuple(line.get_xdata()): tuple(line.get_ydata()) for line in axes.lines}
+    assert curves[10.0, 100.0, 1e3] == (1e-9, 1e-5, 1e-7)
+    assert ("time" in axes.get_xlabel(), "error" in axes.get_ylabel()) == (True, True)
 
 
 def approach_of(coupling=None, robot=None, e=0.5, motion=MOTION):
     return Approach("7", "planted", scene(1e5, e, coupling, robot), motion, 0.8)
 
 
-def test_storm_covers_its_ranges_with_every_chain_and_law_and_depends_on_its_number_alone():
-    drawn = [approaches.storm(number) for number in range(1500)]
+def test_storm_covers_its_ranges_by_number_alone():
+    drawn = [approaches.storm(number) for number in range(600)]
     scenes, contacts = [approach.scene for approach in drawn], [approach.scene.contact for approach in drawn]
     couplings = [each.coupling for each in scenes if not isinstance(each.coupling, ig.Rigid)]
-    brakes = [approach.motion.brake for approach in drawn if approach.motion.brake]
     for name, values in {
         "contact stiffness": [contact.stiffness for contact in contacts],
         "restitution": [contact.restitution for contact in contacts],
         "mass ratio": [each.object.mass / each.tool.mass for each in scenes],
         "speed": [approach.motion.speed for approach in drawn],
         "coupling stiffness": [each.stiffness for each in couplings],
-        "damping ratio": [
-            each.stop_damping_ratio if isinstance(each, ig.Bistable) else each.damping_ratio for each in couplings
-        ],
-        "deceleration": [brake.deceleration for brake in brakes],
+        "deceleration": [approach.motion.brake.deceleration for approach in drawn if approach.motion.brake],
     }.items():
         low, high = approaches.RANGES[name]
         assert (min(values), max(values)) == pytest.approx((low, high), rel=1e-12)
-        place = np.array(values) / high if low == 0 else np.log(np.array(values) / low) / math.log(high / low)
+        place = np.log(np.array(values) / low) / math.log(high / low)
         inside = place[(place > 1e-9) & (place < 1 - 1e-9)]
-        assert len(inside) > 400
         assert np.quantile(inside, [0.1, 0.5, 0.9]) == pytest.approx([0.1, 0.5, 0.9], abs=0.06)
     assert len({approaches.kind(each) for each in scenes[:9]}) == 9
-    assert {contact.dissipation for contact in contacts} == set(Dissipation.__args__)
-    exponents = {(contact.stiffness_exponent, contact.damping_exponent) for contact in contacts}
-    assert exponents == set(approaches.EXPONENTS)
-    assert {each.object.friction is not None for each in scenes} == {False, True}
-    assert {getattr(each.coupling, "stroke", None) is not None for each in scenes} == {False, True}
-    assert 0.15 < np.mean([approach.motion.brake is None for approach in drawn]) < 0.25
+    assert {contact.dissipation for contact in contacts} == {*get_args(Dissipation)}
+    assert {(each.stiffness_exponent, each.damping_exponent) for each in contacts} == {*approaches.EXPONENTS}
+    assert {each.object.friction is None for each in scenes} == {False, True}
+    assert {getattr(each.coupling, "stroke", None) is None for each in scenes} == {False, True}
     assert [approaches.storm(number) for number in reversed(range(40))] == drawn[39::-1]
-    assert len({repr(each) for each in scenes}) == 1500
+    assert len({repr(each) for each in scenes}) == 600
 
 
 def frame_of(*rows):
@@ -62,7 +139,7 @@ def frame_of(*rows):
 
 
 def promises_broken(row):
-    return {*promises.failures(frame_of(row))["promise"]}
+    return {*promises.failures(frame_of(row | {"milliseconds": 1.0}))["promise"]}
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
@@ -73,7 +150,7 @@ def test_row_of_a_sound_run_breaks_no_promise(coupling, robot, e):
     row = storm.row_of(approach)
     assert row["contacts"] > 0
     assert row["traced"]
-    assert promises_broken(row | {"milliseconds": 1.0}) == set()  # the storm judges the time
+    assert promises_broken(row) == set()
     assert row["energy_doubt"] < 1e-3
     if e == 1.0 and ig.simulate(*approach.run).contacts[-1].end is not None:
         # nothing dissipates, so a finished contact returns all its energy
@@ -81,10 +158,9 @@ def test_row_of_a_sound_run_breaks_no_promise(coupling, robot, e):
 
 
 @pytest.mark.parametrize("e", [0.1, 0.5, 0.9])
-def test_row_of_an_isolated_contact_loses_the_energy_of_its_restitution(e):
+def test_isolated_contact_loses_the_energy_of_its_restitution(e):
     row = storm.row_of(approach_of(e=e, motion=ig.Trapezoid(1.0, 8.0)))
-    lost = 1.0 - ig.effective_restitution("hu-guo", e) ** 2
-    assert row["energy_created"] == pytest.approx(-lost, rel=1e-7)
+    assert row["energy_created"] == pytest.approx(ig.effective_restitution("hu-guo", e) ** 2 - 1.0, rel=1e-7)
 
 
 def planted(**changes):
@@ -117,64 +193,36 @@ def test_row_of_a_planted_fault_breaks_its_promise(fault, promise, coupling):
     assert promise.text in promises_broken(row)
 
 
-def test_checked_finds_an_object_that_is_slowed_between_two_contacts():
+def test_check_finds_an_object_slowed_between_two_contacts():
     outcome = ig.simulate(*approach_of(ig.SpringDamper(150.0), e=1.0).run)
     first, second, *rest = outcome.contacts
-    slowed = second._replace(object_velocity=first.object_velocity - 1e-6)
-    wrong = outcome._replace(contacts=(first, slowed, *rest))
-    assert storm.checked(approach_of().scene, wrong)["pull"] > promises.PULL
+    slowed = first, second._replace(object_velocity=first.object_velocity - 1e-6), *rest
+    assert storm.checked(approach_of().scene, outcome._replace(contacts=slowed))["pull"] > promises.PULL
 
 
-def test_failures_name_a_run_that_cannot_finish_takes_too_long_or_is_not_settled():
-    row = storm.row_of(approach_of(ig.SpringDamper(150.0)))
-    assert promises_broken(row | {"milliseconds": 50.1}) == {promises.FAST.text}
-    for change in (2e-6, math.nan, None):
-        assert promises_broken(row | {"milliseconds": 1.0, "finer_change": change}) == {promises.SETTLED.text}
+def test_failures_name_runs_that_stop_hang_or_do_not_settle():
+    row = storm.row_of(approach_of(ig.SpringDamper(150.0))) | {"milliseconds": 1.0}
+    for name, value, promise in (("milliseconds", 50.1, promises.FAST), *(
+        ("finer_change", change, promises.SETTLED) for change in (2e-6, math.nan, None))):  # fmt: skip
+        assert {*promises.failures(frame_of(row | {name: value}))["promise"]} == {promise.text}
     for_ever = scene(1e12, 1.0, distance=1e-7)  # bounces of 0.2 ms
-    stopped = storm.row_of(Approach("7", "", for_ever, ig.Trapezoid(2000.0, 20.0), 20.0))
+    stopped = storm.row_of(Approach("7", "", for_ever, ig.Trapezoid(2000.0, 20.0), 20.0)) | {"milliseconds": 1.0}
     hung = approaches.storm(3).about | {"failure": "no answer within 120 s"}
-    broken = promises.failures(frame_of(row | {"milliseconds": 1.0}, stopped | {"milliseconds": 1.0}, hung))
+    broken = promises.failures(frame_of(row, stopped, hung))
     assert broken["scene"].to_list() == [1, 2]
     assert {*broken["promise"]} == {promises.ENDED.text}
     assert "integration steps" in broken["reason"][0]
 
 
-def test_agreement_finds_differences_and_counts_scenes_without_a_truth():
-    ours = frame_of(storm.row_of(approaches.storm(17)))
-    (truth,) = storm.truth_row(17, 60.0)
+def test_agreement_finds_differences_and_counts_the_unknown():
+    ours = frame_of(storm.row_of(approaches.storm(5)))
+    (truth,) = storm.truth_row(5, 60.0)
     changes = ({}, {"velocity": truth["velocity"] * (1 + 3e-6)}, {"passes": truth["passes"] + 1})
     same, elsewhere, passed = (promises.agreement(ours, frame_of(truth | change)) for change in changes)
     assert [each["apart"].to_list() for each in (same, elsewhere, passed)] == [[False], [True], [True]]
     assert elsewhere["velocity_error"].item() == pytest.approx(3e-6, rel=1e-3)
-    unknown = frame_of(truth | {"failure": "no answer"})
-    for without in (unknown, frame_of({"failure": "no answer"})):  # the second has no columns of a solution
-        assert promises.agreement(ours, without).is_empty()
+    for without in (truth | {"failure": "no answer"}, {"failure": "no answer"}):  # the second has no solution
+        assert promises.agreement(ours, frame_of(without)).is_empty()
     assert promises.over_agreement(same, 1)[-1]
     assert not promises.over_agreement(pl.concat([same, elsewhere]), 0)[-1]
     assert not promises.over_agreement(same.clear(), 0)[-1]
-
-
-def test_page_lists_every_failure(tmp_path):
-    storm_cells = [Cell({"scene": number}, {"number": number}) for number in range(FEW)]
-    patience = {2: 1e-3, 17: 60.0}  # s; too little for the independent solver, and enough
-    truths = [Cell({"scene": number}, {"number": number, "patience": seconds}) for number, seconds in patience.items()]
-    run = small_run(stability.STUDY, tmp_path, storm=lambda *_: storm_cells, truth=lambda *_: truths)
-    run.write()
-    text = text_of_a_page_that_stands_on_its_own(tmp_path, figures=0)
-    assert all(promise.text in text for promise in promises.PROMISES)
-    late, _ = run["truth"].to_dicts()
-    assert (late["speed"], late["velocity"]) == (approaches.storm(2).motion.speed, None)
-    assert "TimeoutError" in late["failure"]
-    changes = (
-        {"scene": 3, "milliseconds": 77.0}, {"scene": 5, "failure": "RuntimeError: the run stopped"},
-        {"scene": 8, "energy_created": 1e-3, "energy_doubt": 1e-9, "traced": True},
-    )  # fmt: skip
-    wrong = run["storm"]
-    for change in changes:
-        wrong = wrong.update(pl.DataFrame(change), on="scene")
-    findings = stability.STUDY.analyse(run | {"storm": wrong}, False)
-    listed = {row[:3] for row in findings.tables["failures"].iter_rows()}
-    assert listed >= {(3, promises.FAST.text, "77"), (5, promises.ENDED.text, "RuntimeError: the run stopped")}
-    assert (8, promises.PASSIVE.text) in {row[:2] for row in listed}
-    verdicts = {text: met for text, _, met in findings.sections[0].parts[0].rows}
-    assert [verdicts[promise.text] for promise in (promises.PASSIVE, promises.FINITE)] == ["missed", "met"]

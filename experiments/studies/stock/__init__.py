@@ -143,7 +143,7 @@ def analyse(frames: Frames, _: bool) -> Findings:
     return Findings(answer, [Section("Trainings", [picture, table]), Section("Other environments", [others])])
 
 
-DEPENDS = ("impact_gym", "agents.evaluate", "agents.baselines", "agents.policies", "agents.setups")
+DEPENDS = ("impact_gym", "agents.evaluate", "agents.baselines", "agents.policies", "agents.setups", "agents.tuned")
 STUDY = Study(
     "stock",
     "How good is a policy after 1, 3, 10 minutes of training with stable-baselines3?",
