@@ -123,7 +123,7 @@ def check_sensors(env, seen):
     assert not info["missed"]  # not yet
     if task.alarm == "force":
         assert state.alarm == state.detection + info["record"]["reaction_delay"]
-    else:  # a switch shortens a step; then it may bring no reading or two
+    elif now["time"] < task.horizon - 1e-9:  # at the horizon, and at the end of a shortened step, two may arrive
         for before in range(1, min(task.past_readings, len(seen) - 1) + 1):
             for name in ("force", "deflection") if task.deflection_sensor else ("force",):
                 assert seen[-1][spec.index(f"{name}_{before}")] == seen[-1 - before][spec.index(name)]
