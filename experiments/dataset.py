@@ -69,7 +69,7 @@ class DatasetOptions:
     """File to write from a folder of tries. It contains the table [environment.operator] of a set-up: an operator who
     replays a randomly chosen try in each episode."""
     include_marked: Annotated[FlagCreatePairsOff[bool], arg(help_behavior_hint="")] = False
-    """Also use tries that impact-gym play marked: interrupted ones, and those that a busy computer did not time right."""
+    """Also use tries that impact-gym play marked as interrupted or not timed right."""
     namespace: Annotated[str, arg(metavar="NAME")] = "impact"
     """First part of the dataset's id."""
     version: Annotated[int, arg(metavar="N")] = 0
