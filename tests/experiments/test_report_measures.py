@@ -229,3 +229,5 @@ def test_links_join_the_next_step_without_a_baseline(names, noise, added):
     assert bool(sentence(steps_of(results))) == (len(added) > 1)
     alone = steps_of(played(()))[-1].velocity.value  # the other contestants change no number of the policy
     assert steps_of(results)[-1].velocity.value == alone
+    two_of_a_rule = links(played(("profile", "other")))
+    assert [link.contestant for link in two_of_a_rule] == [PAPER, "profile", POLICY]  # the main baseline comes first
