@@ -2,9 +2,7 @@
 
 import copy
 import dataclasses
-import importlib
 import math
-import pkgutil
 from dataclasses import replace
 from fractions import Fraction
 
@@ -25,22 +23,17 @@ ROBOT = ig.Robot(5.225, 1.9e5, 50.4)
 SCENE = scene(coupling=SPRING)
 
 
-@pytest.mark.parametrize("number", [1, np.int64(1), np.uint8(1), np.float32(1), np.float64(1), Fraction(1)], ids=repr)
-def test_record_and_argument_convert_any_number_to_a_float(number):
-    tool = ig.Tool(number)
-    assert type(tool.mass) is float
-    assert tool == ig.Tool(1.0)
-    assert ig.simulate(SCENE, MOTION, number) == ig.simulate(SCENE, MOTION, 1.0)
+def test_record_and_argument_convert_any_number_to_a_float():
+    for number in (1, np.int64(1), np.uint8(1), np.float32(1), np.float64(1), Fraction(1)):
+        tool = ig.Tool(number)
+        assert type(tool.mass) is float
+        assert tool == ig.Tool(1.0)
+        assert ig.simulate(SCENE, MOTION, number) == ig.simulate(SCENE, MOTION, 1.0)
 
 
-def test_records_are_frozen():
-    modules = (importlib.import_module(name) for _, name, _ in pkgutil.walk_packages(ig.__path__, "impact_gym."))
-    classes = {thing for module in modules for thing in vars(module).values() if dataclasses.is_dataclass(thing)}
-    assert classes
-    assert all(kind.__dataclass_params__.frozen for kind in classes)
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        SCENE.tool.mass = 1.0
-    for record in (SCENE, MOTION, ig.Rigid()):
+def test_records_are_frozen_and_hashable():
+    for record in (SCENE, SCENE.tool, SCENE.object, SCENE.contact, *COUPLINGS.values(), ROBOT, MOTION, MOTION.brake):
+        assert type(record).__dataclass_params__.frozen
         assert hash(record) == hash(copy.deepcopy(record))
 
 
@@ -53,15 +46,6 @@ def test_robot_table_is_constant_beyond_its_ends():
 def test_brake_without_deceleration_has_that_of_the_trapezoid():
     assert [ig.Trapezoid(1.0, 5.0, ig.Brake(deceleration=given)).deceleration for given in (None, 3.0)] == [5.0, 3.0]
     assert dataclasses.astuple(ig.Brake()) == (1.0, 0.016, None)
-
-
-def test_motion_too_short_to_reach_leaves_the_object_at_rest():
-    outcomes = ig.sweep(SCENE, MOTION, {"motion.speed": np.linspace(0.01, 0.1, 40)}, duration=0.7)
-    for name in ("contact_count", "object_velocity", "peak_force", "coupling_impulse", "momentum_error"):
-        assert (getattr(outcomes, name) == 0.0).all()
-    assert (outcomes.status == "ok").all()
-    assert np.isnan(outcomes.detection_time).all()
-    assert_row(outcomes, 39, ig.simulate(SCENE, replace(MOTION, speed=0.1), 0.7))
 
 
 def assert_row(outcomes, index, outcome):
@@ -77,7 +61,7 @@ def assert_row(outcomes, index, outcome):
 @pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize("coupling", COUPLINGS)
 def test_row_of_a_sweep_is_simulate_to_the_bit(coupling, robot):
-    masses, speeds, friction = np.array([[0.1], [1.0]]), np.array([0.4, 0.9, 1.3, 1.0]), np.array([0.0, 0.1, 0.4, 0.0])
+    masses, speeds, friction = np.array([[0.1], [1.0]]), np.array([0.01, 0.9, 1.3, 1.0]), np.array([0.0, 0.1, 0.4, 0.0])
     varied = {"object.mass": masses, "motion.speed": speeds, "object.friction": friction}
     struck = replace(scene(1e4, 0.5, COUPLINGS[coupling], ROBOTS[robot]), object=ig.Object(0.25, 0.2505, 0.1))
     outcomes = ig.sweep(struck, MOTION, varied, duration=1.1)
@@ -86,6 +70,7 @@ def test_row_of_a_sweep_is_simulate_to_the_bit(coupling, robot):
         alone = replace(struck, object=ig.Object(masses[i, 0], 0.2505, friction[j]))
         assert_row(outcomes, (i, j), ig.simulate(alone, replace(MOTION, speed=speeds[j]), duration=1.1))
     assert np.isnan(outcomes.slide).tolist() == [[True, False, False, True]] * 2
+    assert not outcomes.object_velocity[:, 0].any()  # the motion does not reach
 
 
 def test_row_of_a_sweep_depends_on_neither_threads_nor_order():
@@ -118,21 +103,21 @@ def test_advise_simplifies_by_the_largest_error_of_any_scene():
     hard, soft = (replace(SCENE, robot=replace(ROBOT, stiffness=stiffness)) for stiffness in (1e9, 1e4))
     advice = ig.advise(hard, MOTION, 1e-3)
     full, simple = (ig.simulate(chain, MOTION).object_velocity for chain in (hard, SCENE))
-    assert advice.model.name == "robot rigid"
+    assert (advice.model.name, advice.model.simplify(hard)) == ("robot rigid", SCENE)
     assert "robot rigid" in str(advice)
     assert advice.model.errors.tolist() == [abs(simple - full) / full]
-    assert advice.model.simplify(hard) == SCENE
     both, other = (ig.advise(scenes, MOTION, 1e-3).tried[1] for scenes in ([hard, soft], soft))
     assert both.errors.tolist() == [advice.tried[1].bound, other.bound]
     assert both.bound == max(both.errors)
-    assert len(ig.advise(replace(SCENE, coupling=ig.Rigid()), MOTION).tried) == 1  # nothing to simplify
-    for quantity in ("object_velocity", "peak_force", "impulse"):  # every part of this scene matters
+
+
+def test_advise_keeps_a_scene_in_which_every_part_matters():
+    for quantity in ("object_velocity", "peak_force", "impulse"):
         kept = ig.advise(replace(SCENE, robot=ROBOT), MOTION, 1e-12, quantity)
         assert kept.model is kept.tried[0]
         assert [model.bound > 1e-12 for model in kept.tried] == [False, True, True, True]  # the robot, the spring, both
-    unreached = replace(hard, object=ig.Object(0.25, 100.0))
-    assert ig.advise(unreached, MOTION, 1e-9, duration=0.2).model.bound == 0.0
-    late = replace(soft, object=ig.Object(0.25, 0.05), coupling=ig.Rigid())  # only the simpler scene has touched yet
+    assert len(ig.advise(replace(SCENE, coupling=ig.Rigid()), MOTION).tried) == 1  # nothing to simplify
+    late = scene(distance=0.05, robot=replace(ROBOT, stiffness=1e4))  # only the simpler scene has touched yet
     assert ig.advise(late, MOTION, duration=0.113).tried[1].bound == math.inf
 
 

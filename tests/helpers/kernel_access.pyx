@@ -31,17 +31,10 @@ def energy_and_reach(law, double stretch, double kinetic):
     return coupling_energy(given, stretch), coupling_reach(given, stretch, kinetic)
 
 
-def swing_reach(law, chain):
-    """A bound on the later deflection (m) of an INTEGRATED `chain` on a lumped robot or none."""
-    cdef Run run
-    run.law, run.tables = <const Law *> memory_of(law), NULL
-    return integrated_reach(&run, <const Chain *> memory_of(chain))
-
-
 BLIND = 10.0, 1e-4  # longest and shortest blind step, scaled
 
 
-def step_once(plan, table, chain, double acceleration, bint flying, x, double h, str method, double tolerance):
+def step_once(plan, table, chain, double acceleration, bint flying, x, double h, str method):
     """Try a step of `h` from the scaled state `x` of a piece that begins at `chain`; return a dict of arrays.
 
     Args:
@@ -50,7 +43,6 @@ def step_once(plan, table, chain, double acceleration, bint flying, x, double h,
         flying: whether in flight; otherwise in contact.
         x: state (n,), as long as the chain's.
         h, method: length and method of the step: "explicit", "stiff" or "series".
-        tolerance: allowed local error of a step; it limits the length of a series' step.
     """
     cdef Run run
     cdef Work work
@@ -62,7 +54,7 @@ def step_once(plan, table, chain, double acceleration, bint flying, x, double h,
     cdef int i, j
     law_to_kernel(&given.mount, &law)
     run.law, run.tables, run.contact = &law, <const double *> memory_of(table), given.contact
-    run.object_mass, run.threshold, run.tolerance = given.object_mass, given.threshold, tolerance
+    run.object_mass, run.threshold, run.tolerance = given.object_mass, given.threshold, 1.0
     run.ground = STANDARD_GRAVITY * given.friction
     begin_piece(&run, <const Chain *> memory_of(chain), acceleration, INFINITY, flying, &now)
     memset(work.x, 0, sizeof(work.x))
@@ -81,7 +73,6 @@ def step_once(plan, table, chain, double acceleration, bint flying, x, double h,
     result |= {
         "rate": [work.rate[i] for i in range(now.width)],
         "end": [work.trial[i] for i in range(now.width)],
-        "end_rate": [work.trial_rate[i] for i in range(now.width)],
         "error": error,
     }
     probe(&now, &work, h, 0.5)
@@ -90,10 +81,3 @@ def step_once(plan, table, chain, double acceleration, bint flying, x, double h,
     jacobian(&now, work.x, work.matrix)
     result["jacobian"] = [[work.matrix[i][j] for j in range(now.width)] for i in range(now.width)]
     return {name: np.array(value) for name, value in result.items()}
-
-
-STIFF_TABLEAU = {  # of `solver/rosenbrock.pxi`
-    "A": np.array([[STIFF_A[i][j] for j in range(STIFF_STAGES)] for i in range(STIFF_STAGES)]),
-    "C": np.array([[STIFF_C[i][j] for j in range(STIFF_STAGES)] for i in range(STIFF_STAGES)]),
-    "gamma": STIFF_GAMMA,
-}

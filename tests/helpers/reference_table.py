@@ -3,7 +3,7 @@
 The table tests/solver/reference_runs.json is made by `experiments.reference` alone (SciPy; it shares no code with our
 solver), with this command from the top folder; it takes a minute:
 
-    PYTHONPATH=tests/helpers python -m reference_table
+    PYTHONPATH=tests/helpers .venv/bin/python -m reference_table
 
 Each line has the scene, the motion and the duration as well, so the draws below may differ in the last digit on another
 machine. A slow test solves all lines again, and a quick test some of them (test_agreement.py).

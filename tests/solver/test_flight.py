@@ -7,7 +7,6 @@ import pytest
 from impact_gym.kernels import free_decay
 from kernel_access import kernels
 from scipy.linalg import expm
-from scipy.optimize import brentq
 from solver_scenes import random_mechanism, stored_energy
 
 import impact_gym as ig
@@ -75,30 +74,21 @@ def test_drift_under_an_acceleration_is_the_matrix_exponential(damping_ratio):
 SAMPLES = 600  # of a path; the fastest oscillation has 19 in a period
 
 
-def random_flight(random, touching=0.5):
+def random_flight(random):
     """Law, acceleration, record, equations, length of a step (s) and sampled states of a random flight."""
-    frequency = 10 ** random.uniform(1, 2.5)
-    light, heavy, beyond = random.uniform([0, 0.2, 1.02], [0.2, 0.98, 4])
-    damping_ratio = random.choice([0.0, light, heavy, 1.0, beyond])
+    frequency, (light, heavy, beyond) = 10 ** random.uniform(1, 2.5), random.uniform([0, 0.2, 1.02], [0.2, 0.98, 4])
+    of_spring = frequency, random.choice([0.0, light, heavy, 1.0, beyond])
     acceleration, closing, y_dot = random.choice([0.0, random.uniform(-20, 20)]), *random.uniform([-0.5, -1], [1, 1])
-    y, law, of_spring = (
-        random.uniform(-1.0, 1.0) / frequency,
-        spring(frequency, damping_ratio),
-        (frequency, damping_ratio),
-    )
+    y, law = random.uniform(-1.0, 1.0) / frequency, spring(*of_spring)
     if random.random() < 0.2:
         y, y_dot, law, of_spring = 0.0, 0.0, law_of(ig.Rigid()), ()
     gap = 10 ** random.uniform(-5, -1)
-    if random.random() < touching:
+    if random.random() < 0.5:
         gap = 0.0
         if closing + y_dot > 0:  # bodies that touch at the start separate
             closing = -y_dot - random.uniform(0, 0.5)
-    flight = {"flange_velocity": closing + 0.3, "deflection": y, "deflection_rate": y_dot, "object_velocity": 0.3}
-    record, matrix, h = (
-        chain(gap=gap, **flight),
-        equations(acceleration, *of_spring),
-        random.uniform(0.01, 0.6) / SAMPLES,
-    )
+    record = chain(flange_velocity=closing + 0.3, deflection=y, deflection_rate=y_dot, gap=gap, object_velocity=0.3)
+    matrix, h = equations(acceleration, *of_spring), random.uniform(0.01, 0.6) / SAMPLES
     states, step = [state_of(record)], expm(matrix * h)
     for _ in range(SAMPLES):
         states.append(step @ states[-1])
@@ -122,31 +112,7 @@ def test_first_touch_of_a_random_flight_is_on_its_path():
     assert kernels().first_touch(law_of(ig.Rigid()), at_rest, 1.0, 1.0) == 0.0  # as soon as it accelerates
 
 
-@pytest.mark.parametrize("margin", [1e-3, 1e-6, 1e-12])
-def test_first_touch_tells_a_graze_from_a_near_miss(margin):
-    # shift a random flight so that its highest peak just reaches the object, or just misses it
-    random, grazes = np.random.default_rng(4), 0
-    for _ in range(250):
-        law, acceleration, record, matrix, h, states = random_flight(random, touching=0.0)
-        top = int(states[:, 4].argmax())
-        if top in (0, SAMPLES) or not states[top - 1, 5] > 0 > states[top + 1, 5]:
-            continue
-        summit = brentq(lambda s, at=states[top - 1], A=matrix: (expm(A * s) @ at)[5], 0.0, 2 * h, xtol=1e-16)
-        height = (expm(matrix * summit) @ states[top - 1])[4] - states[0, 4]
-        if height > 2 * margin:
-            record["penetration"] = -height - margin
-            assert kernels().first_touch(law, record, acceleration, SAMPLES * h) == math.inf
-            record["penetration"] = -height + margin
-            touch = kernels().first_touch(law, record, acceleration, SAMPLES * h)
-            there = expm(matrix * touch) @ state_of(record)
-            assert there[4] == pytest.approx(0.0, abs=1e-14)
-            assert there[5] > 0
-            assert touch < h * (top - 1) + summit
-            grazes += 1
-    assert grazes > 30
-
-
-@pytest.mark.parametrize("margin", [0.1, 1e-9])
+@pytest.mark.parametrize("margin", [0.1, 1e-6, 1e-9])
 def test_undamped_tool_reaches_just_as_far_as_its_energy_allows(margin):
     random = np.random.default_rng(6)  # flange and object rest, so the tool gets to hypot(y, y' / omega)
     for _ in range(100):
@@ -159,45 +125,28 @@ def test_undamped_tool_reaches_just_as_far_as_its_energy_allows(margin):
             assert math.isinf(kernels().first_touch(law, record, 0.0, 7.0 / frequency)) == beyond
 
 
-SOFT_STOPS = [ig.Bistable(front_stop=x, stop_stiffness=k) for x, k in ((1e-4, 300.0), (5e-3, 100.0), (5e-3, 30.0))]
-COUPLINGS = [random_mechanism(np.random.default_rng(seed)) for seed in range(4)]
-COUPLINGS += [ig.SpringDamper(80.0, 0.5, stroke=0.01), *SOFT_STOPS]
+SPRINGS = [ig.SpringDamper(80.0, 0.5, stroke=0.01)]
+MECHANISMS = [random_mechanism(np.random.default_rng(seed)) for seed in range(4)]
+SOFT = [ig.Bistable(front_stop=x, stop_stiffness=k) for x, k in ((1e-4, 300.0), (5e-3, 100.0), (5e-3, 30.0))]
 
 
-@pytest.mark.parametrize("coupling", COUPLINGS, ids=lambda coupling: type(coupling).__name__)
+@pytest.mark.parametrize("coupling", [*SPRINGS, *MECHANISMS, *SOFT], ids=lambda coupling: type(coupling).__name__)
 def test_energy_of_a_coupling_bounds_its_reach(coupling):
-    law, low, high = law_of(coupling), -0.01, 0.01
-    if isinstance(coupling, ig.Bistable):
-        low, high = (stop - coupling.rest for stop in (coupling.rear_stop, coupling.front_stop))
-    for stretch in np.random.default_rng(7).uniform(low - 2e-3, high + 2e-3, 12):
+    bistable, law, low, high = isinstance(coupling, ig.Bistable), law_of(coupling), -0.012, 0.012
+    if bistable:
+        low, high = coupling.rear_stop - coupling.rest - 2e-3, coupling.front_stop - coupling.rest + 2e-3
+    of_kernel, at_rest = kernels().energy_and_reach, stored_energy(coupling, 0.0)
+    for stretch in np.random.default_rng(7).uniform(low, high, 12):
         energy = stored_energy(coupling, stretch)
-        of_kernel = kernels().energy_and_reach(law, stretch, 0.0)[0] - kernels().energy_and_reach(law, 0.0, 0.0)[0]
-        assert of_kernel == pytest.approx(energy - stored_energy(coupling, 0.0), rel=1e-9, abs=1e-12)
+        gained = of_kernel(law, stretch, 0.0)[0] - of_kernel(law, 0.0, 0.0)[0]
+        assert gained == pytest.approx(energy - at_rest, rel=1e-9, abs=1e-12)
         for kinetic in (1e-4, 1e-2, 1.0):
-            reach = kernels().energy_and_reach(law, stretch, kinetic)[1]
-            if isinstance(coupling, ig.Bistable) and stretch < -coupling.rest == reach:  # it cannot pass the alignment
+            reach = of_kernel(law, stretch, kinetic)[1]
+            if bistable and stretch < -coupling.rest == reach:  # it cannot pass the alignment
                 assert stored_energy(coupling, -coupling.rest) > energy + kinetic
                 continue
-            beyond = np.linspace(max(reach, stretch), max(reach, stretch) + 0.01, 50)[1:]
+            beyond = max(reach, stretch) + np.linspace(0.0, 0.01, 50)[1:]
             assert stored_energy(coupling, beyond).min() > (energy + kinetic) * (1 - 1e-9)
-    if coupling not in SOFT_STOPS:  # from rest against a stop or a spring the bound is close
-        stiffness = coupling.stop_stiffness if isinstance(coupling, ig.Bistable) else coupling.stiffness
-        assert kernels().energy_and_reach(law, 0.0, 1e-4)[1] == pytest.approx(math.sqrt(2e-4 / stiffness), rel=0.05)
-
-
-def test_reach_on_a_robot_is_a_bound_at_most_five_times_too_far():
-    coupling, robot, random = ig.SpringDamper(150.0, 0.0), ig.Robot(5.0, 5e3, 0.0), np.random.default_rng(3)
-    law, shares, (k, k_r, m_r) = law_of(coupling, robot), [], (coupling.stiffness, robot.stiffness, robot.mass)
-    rates = np.zeros((4, 4))
-    rates[0, 1] = rates[2, 3] = 1.0
-    rates[1, 0], rates[1, 2], rates[3, 0], rates[3, 2] = -k / TOOL_MASS, k / TOOL_MASS, k / m_r, -(k + k_r) / m_r
-    frequencies, modes = np.linalg.eig(rates)
-    waves = np.exp(np.linspace(0.0, 20.0, 20_000)[:, None] * frequencies) * modes[0]
-    for _ in range(40):
-        y, y_dot, q, q_dot = random.standard_normal(4) * [0.01, 0.3, 0.003, 0.3] * random.choice([0.1, 1.0], 4)
-        record = chain(deflection=y, deflection_rate=y_dot)
-        record["flange_offset"], record["flange_offset_rate"] = q, q_dot
-        swing = (waves @ np.linalg.solve(modes, [y, y_dot, q, q_dot])).real
-        shares.append(swing.max() / kernels().swing_reach(law, record))
-    assert 0.7 < max(shares) <= 1.0
-    assert min(shares) > 0.2
+    if coupling not in SOFT:  # from rest against a stop or a spring the bound is close
+        stiffness = coupling.stop_stiffness if bistable else coupling.stiffness
+        assert of_kernel(law, 0.0, 1e-4)[1] == pytest.approx(math.sqrt(2e-4 / stiffness), rel=0.05)
