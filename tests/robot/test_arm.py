@@ -5,7 +5,7 @@ from contextlib import nullcontext
 
 import numpy as np
 import pytest
-from made_up_arms import SHOULDER, edited, elastic, joint, link, rods, seven_joints, write
+from made_up_arms import SHOULDER, edited, elastic, joint, link, rods, seven_joints
 from refusal import refused
 from scipy.spatial.transform import Rotation
 
@@ -83,22 +83,16 @@ def test_third_joint_in_a_plane_yields_by_inertia_and_springs(tmp_path):
 
 def test_joint_parameter_is_one_one_per_joint_or_drawn(tmp_path):
     path = rods(tmp_path)
-
-    def stiffness(given, seed=0):
-        return elastic(path, joint_stiffness=given, seed=seed).stiffness.tolist()
-
-    assert stiffness(5e3) == [5e3, 5e3]
-    assert stiffness((5e3, 4e3)) == [5e3, 4e3]
-    pairs = ((1e3, 1e4), (2e3, 2e3))
-    drawn = [stiffness(pairs, seed) for seed in range(50)]
-    assert drawn[3] == stiffness(pairs, 3)
-    first, second = zip(*drawn, strict=True)
+    for given in (5e3, (5e3, 5e3)):
+        assert elastic(path, joint_stiffness=given).stiffness.tolist() == [5e3, 5e3]
+    drawn = [elastic(path, joint_stiffness=((1e3, 1e4), (2e3, 2e3)), seed=k % 50).stiffness for k in range(51)]
+    assert drawn[50].tolist() == drawn[0].tolist()
+    first, second = np.transpose(drawn)
     assert np.median(first) == pytest.approx(10**3.5, rel=0.3)  # log-uniform; 5500 if uniform
     assert min(first) < 1.2e3 < 8.3e3 < max(first)
-    assert second == pytest.approx([2e3] * 50)
+    assert second == pytest.approx([2e3] * 51)
     other = seven(tmp_path, joint_stiffness=(5e3, 2e4), rotor_inertia=np.full(7, 1e-4), gear=np.full(7, 100.0))
     assert len(set(other.stiffness.tolist())) == 7
-    assert 5e3 <= other.stiffness.min() <= other.stiffness.max() <= 2e4
     assert other.rotors == pytest.approx(np.ones(7))
 
 
@@ -116,17 +110,13 @@ POINT = re.sub("<inertia .*?/>", "", part(0.5))
 MASSLESS = part("0", (1, 1, 1))
 AXES, CLAW = (1e-3, 2e-3, 2.5e-3), '<mimic joint="elbow"/>'
 READ = {  # edit of two rods; mass (kg) and moment about z (kg m^2) added at (0.5, 0.05) m of the second rod; a warning
-    "a frame of 1e-9 kg": (*on_tip([part(1e-9)]), 1e-9, 0.0, None),
     "a point payload": (*on_tip([POINT]), 0.5, 0.0, None),
     "an IMU against the triangle rule": (*on_tip([part(1e-7, (1e-11, 1e-11, 9e-11))]), 1e-7, 9e-11, None),
     "moments along turned axes": (*on_tip([part(0.5, AXES, turn="1.5707963267948966 0 0")]), 0.5, 2e-3, None),
     "inertia without mass": (*on_tip([MASSLESS]), 0.0, 0.0, "link 'part 0' has inertia but no mass"),
     "a finger follows the arm": (*on_tip([POINT], joint("finger", "revolute", "tip", "claw", extra=CLAW), link("claw")),
                                  0.5, 0.0, "joint 'finger' mimics 'elbow'"),
-    "a finger follows another": (*on_tip([], joint("finger", "prismatic", "tip", "part 0", extra='<mimic joint="t"/>'),
-                                         part(0.1)), 0.1, 0.0, None),
     "a fixed link": (*on_tip([], joint("other", "planar", "base", "hull"), part("nan", name="hull")), 0, 0, None),
-    "a second root": (*on_tip([POINT], link("alone")), 0.5, 0.0, None),
     "six digits of a plate": ('izz="[^"]*"', f'izz="{0.0626 * (1 + 4e-7)}"', 0.0, 0.0, None),
     "a comment and a mesh": ("<link name=\"tip\">", '<!-- <link name="upper"/> --><link name="tip"><visual><geometry>'
                              '<mesh filename="package://no/such.stl"/></geometry></visual>', 0.0, 0.0, None),
@@ -163,23 +153,3 @@ def test_balanced_inertia_is_the_mean_of_impossible_moments(tmp_path):
     plain, balanced = (elastic(path, inertia="balanced").mass_matrix(Q2) for path in paths)
     changed = np.array([[(0.2 + 0.0625 + 0.0626) / 3 - 0.0626, 0.0], [0.0, 0.0]])
     np.testing.assert_allclose(balanced, plain + changed, rtol=1e-12)
-
-
-def test_500_joints_and_soft_joints_are_allowed(tmp_path):
-    parts = [joint(f"{k}", "revolute", f"link {k}", f"link {k + 1}", (0.01, 0, 0)) + link(f"link {k + 1}", 0.1)
-             for k in range(500)]  # fmt: skip
-    arm = elastic(
-        write(tmp_path, link("link 0"), *parts), "link 0", "link 500", joint_stiffness=20.0, joint_damping=0.1
-    )
-    assert arm.composite(np.zeros(500))[0] == pytest.approx(50.0)
-    soft = elastic(rods(tmp_path), joint_stiffness=20.0)  # N m/rad
-    table, rates = soft.along(Q2, (-1.0, -1.0, 0.0), 0.05), np.linalg.inv(soft.jacobian(Q2)[:2])
-    assert table.stiffness[0] == pytest.approx(20.0 * np.sum((rates @ table.direction[:2]) ** 2))
-
-
-@pytest.mark.parametrize("encoding", ["latin-1", "windows-1252", "utf-8", "utf-16"])
-def test_encoding_is_the_one_that_a_file_declares(encoding, tmp_path):
-    text = edited(tmp_path, "shoulder", "épaule").read_text(encoding="utf-8")
-    path = tmp_path / "declared.urdf"
-    path.write_bytes(f'<?xml version="1.0" encoding="{encoding}"?>\n{text}'.encode(encoding))
-    assert elastic(path).joints == ("épaule", "elbow")

@@ -162,27 +162,19 @@ def test_only_an_arm_needs_mujoco(monkeypatch):
         viper.viper()
 
 
-@pytest.mark.parametrize("coupling", [ig.Rigid(), ig.SpringDamper(150.0), ig.SpringDamper(5000.0, 0.1)], ids=str)
-def test_flight_of_flange_and_tool_is_the_matrix_exponential(coupling):
-    (m_r, k_r, c_r), m_t = (5.225, 1.9e5, 50.4), 0.125
-    flying = scene(1e5, 1.0, coupling, ig.Robot(m_r, k_r, c_r), distance=1e3)  # the object is not reached
-    trace, rates = ig.simulate(flying, MOTION, 0.5, 1e-10, trace=True).trace, np.zeros((5, 5))
+def test_flight_on_a_compliant_robot_is_the_matrix_exponential():
+    (m_r, k_r, c_r), (m_t, k_t, c_t) = (5.225, 1.9e5, 50.4), (0.125, 150.0, 2 * 0.4 * (150.0 * 0.125) ** 0.5)
+    flying = scene(1e5, 1.0, ig.SpringDamper(k_t, 0.4), ig.Robot(m_r, k_r, c_r), distance=1e3)  # no contact
+    trace = ig.simulate(flying, MOTION, 0.5, 1e-10, trace=True).trace
     # offsets of flange and tool from the imposed motion, their rates, and the imposed acceleration
-    rates[0, 2] = rates[1, 3] = 1.0
-    if isinstance(coupling, ig.Rigid):
-        rates[2:4] = np.array([-k_r, 0, -c_r, 0, -m_r - m_t]) / (m_r + m_t)
-    else:
-        k_t, c_t = coupling.stiffness, 2 * coupling.damping_ratio * (coupling.stiffness * m_t) ** 0.5
-        rates[2] = np.array([-k_r - k_t, k_t, -c_r - c_t, c_t, -m_r]) / m_r
-        rates[3] = np.array([k_t, -k_t, c_t, -c_t, -m_t]) / m_t
+    robot = np.array([-k_r - k_t, k_t, -c_r - c_t, c_t, -m_r]) / m_r
+    rates = np.array([*np.eye(5)[2:4], robot, np.array([k_t, -k_t, c_t, -c_t, -m_t]) / m_t, np.zeros(5)])
     for at in np.searchsorted(trace.time, (0.06, 0.125, 0.3, 0.5)):
         t = trace.time[at]
-        state = expm(rates * min(t, 0.125)) @ np.array([0, 0, 0, 0, 8.0])
-        state = expm(rates * max(t - 0.125, 0.0)) @ (state * [1, 1, 1, 1, 0])
+        ramp = expm(rates * min(t, 0.125)) @ np.array([0, 0, 0, 0, 8.0])
+        state = expm(rates * max(t - 0.125, 0.0)) @ (ramp * [1, 1, 1, 1, 0])
         offsets = [trace.flange_position[at], trace.tool_position[at]] - trace.command_position[at]
         assert offsets == pytest.approx(state[:2], abs=1e-11)
-        speeds = [trace.flange_velocity[at], trace.tool_velocity[at]] - trace.command_velocity[at]
-        assert speeds == pytest.approx(state[2:4], abs=1e-9)
 
 
 def test_fixed_parameters_change_v_p_as_documented():
