@@ -3,9 +3,9 @@
 Force and velocity are the solver's at NODES times of each contact, with cubics in between.
 """
 
+from collections import namedtuple
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -23,12 +23,7 @@ MOTION, SPRING = ig.Trapezoid(1.0, 8.0, ig.Brake()), ig.SpringDamper(150.0)
 SCENE_FILE = Path(__file__).with_suffix(".toml").read_text("utf-8")
 
 
-class Blow(NamedTuple):
-    """Evenly and finely spaced over time."""
-
-    time: np.ndarray  # s
-    force: np.ndarray  # N
-    object_velocity: np.ndarray  # m/s
+Blow = namedtuple("Blow", "time force object_velocity")  # s, N, m/s; evenly and finely spaced
 
 
 def scene(k_c=1e5, e=0.5, m_p=0.25, coupling=SPRING, robot=None):
