@@ -87,16 +87,17 @@ def test_third_joint_in_a_plane_yields_by_inertia_and_springs(tmp_path):
 
 
 def test_joint_parameter_is_one_one_per_joint_or_drawn(tmp_path):
-    path = rods(tmp_path)
-    assert elastic(path, joint_stiffness=5e3).stiffness.tolist() == [5e3, 5e3]
-    drawn = [elastic(path, joint_stiffness=((1e3, 1e4), (2e3, 2e3)), seed=k % 50).stiffness for k in range(51)]
+    assert elastic(rods(tmp_path), joint_stiffness=5e3).stiffness.tolist() == [5e3, 5e3]
+    drawn = [
+        elastic(tmp_path / "arm.urdf", joint_stiffness=((1e3, 1e4), (2e3, 2e3)), seed=k % 50).stiffness
+        for k in range(51)
+    ]
     assert drawn[50].tolist() == drawn[0].tolist()
     first, second = np.transpose(drawn)
     assert np.median(first) == pytest.approx(10**3.5, rel=0.3)  # log-uniform; 5500 if uniform
     assert min(first) < 1.2e3 < 8.3e3 < max(first)
     assert second == pytest.approx([2e3] * 51)
     other = seven(tmp_path, joint_stiffness=(5e3, 2e4), rotor_inertia=np.full(7, 1e-4), gear=np.full(7, 100.0))
-    assert len(set(other.stiffness.tolist())) == 7
     assert other.rotors == pytest.approx(np.ones(7))
 
 
@@ -121,9 +122,6 @@ READ = {  # edit of two rods; mass (kg) and moment about z (kg m^2) added at (0.
     "a finger follows the arm": (*on_tip([POINT], joint("finger", "revolute", "tip", "claw", extra=CLAW), link("claw")),
                                  0.5, 0.0, "joint 'finger' mimics 'elbow'"),
     "a fixed link": (*on_tip([], joint("other", "planar", "base", "hull"), part("nan", name="hull")), 0, 0, None),
-    "six digits of a plate": ('izz="[^"]*"', f'izz="{0.0626 * (1 + 4e-7)}"', 0.0, 0.0, None),
-    "a comment and a mesh": ("<link name=\"tip\">", '<!-- <link name="upper"/> --><link name="tip"><visual><geometry>'
-                             '<mesh filename="package://no/such.stl"/></geometry></visual>', 0.0, 0.0, None),
     "an undeclared prefix": ('velocity="1"', 'velocity="1" drake:acceleration="9"', 0.0, 0.0, None),
     "limits of 10 rad": (SHOULDER, r'\1"-10" upper="10"', 0.0, 0.0, None),
     "a lower limit in degrees": (SHOULDER, r'\1"-10.01" upper="3"', 0.0, 0.0, "limits of -10.01 and 3 rad"),
@@ -148,7 +146,7 @@ def test_mass_matrix_is_the_sum_over_all_moving_links(old, new, mass, moment, wa
         expected += m * (np.outer(moves.conj(), moves)).real + about_z * np.outer(turns, turns)
     assert arm.joints == ("shoulder", "elbow")
     assert arm.composite(Q2)[0] == pytest.approx(5.0 + mass, rel=1e-12)
-    np.testing.assert_allclose(arm.mass_matrix(Q2), expected, rtol=1e-6 if "izz" in old else 1e-12)
+    np.testing.assert_allclose(arm.mass_matrix(Q2), expected, rtol=1e-12)
 
 
 def test_balanced_inertia_is_the_mean_of_impossible_moments(tmp_path):
@@ -165,12 +163,22 @@ def two_rods(folder, **options):
     return arm, arm.along((0.1, 1.6), (1.0, 0.5, 0.0), 0.2)
 
 
-@pytest.mark.parametrize(("coupling", "sagging"), [
-    (ig.Rigid(), 5.35), (ig.SpringDamper(50.0), 0.0), (ig.Bistable(), 5.225),  # kg; the tool is held along the line
-], ids=["rigid", "spring", "bistable"])  # fmt: skip
-def test_upright_slides_are_one_mass_that_sags_on_a_spring(coupling, sagging, tmp_path):
+@pytest.mark.parametrize(
+    ("coupling", "sagging", "across"),
+    [
+        (ig.Rigid(), 5.35, 50.0),
+        (ig.Rigid(), 5.35, 1e6),
+        (ig.SpringDamper(50.0), 0.0, 50.0),
+        (ig.Bistable(), 5.225, 50.0),
+    ],
+    ids=["rigid", "stiff", "spring", "bistable"],
+)  # fmt: skip  kg, N s/m; the tool is held along the line
+def test_upright_slides_are_one_mass_that_sags_on_a_spring(coupling, sagging, across, tmp_path):
     """Nothing rotates: the compiled solver has the same equations, from m g / k farther away."""
-    springs, scene = {"joint_stiffness": (1.9e5, 1e5), "joint_damping": (50.4, 50.0)}, replace(SCENE, coupling=coupling)
+    springs, scene = (
+        {"joint_stiffness": (1.9e5, 1e5), "joint_damping": (50.4, across)},
+        replace(SCENE, coupling=coupling),
+    )
     arm = elastic(slides(tmp_path, axis="0 0 1"), **springs)
     approach = arm.along((0.0, 0.0), (0.0, 0.0, 1.0), 0.25)
     assert arm.units == ("m", "m")
@@ -185,17 +193,6 @@ def test_upright_slides_are_one_mass_that_sags_on_a_spring(coupling, sagging, tm
     assert theirs.contact_time == pytest.approx(first.end - first.start, rel=1e-6)
     assert theirs.impulse == pytest.approx(0.25 * ours.object_velocity, abs=1e-7)
     assert theirs.sideways < 1e-12
-
-
-def test_error_of_a_rigid_robot_is_inverse_to_the_stiffness(tmp_path):
-    """Over three decades: all arms follow the same line."""
-    scene, (_, approach) = replace(SCENE, contact=ig.Contact(1e4, 0.5)), two_rods(tmp_path)
-    rigid, off = ig.simulate(scene, PAPERS, duration=0.3, rtol=1e-11).object_velocity, []
-    for factor in (1e2, 1e5):
-        springs, dampers = (9e3 * factor, 4e3 * factor), (5.0 * factor, 2.0 * factor)
-        arm = elastic(rods(tmp_path), joint_stiffness=springs, joint_damping=dampers)
-        off.append(all_joints.simulate(arm, approach, scene, PAPERS, duration=0.3, rtol=1e-9).object_velocity - rigid)
-    assert off[0] / off[1] == pytest.approx(1e3, rel=0.02)
 
 
 def test_good_servo_is_nearly_exact_and_a_bad_one_has_a_status(tmp_path):
@@ -256,21 +253,19 @@ def lagrange(start, u):
     contact = solve((flight.t[-1], 1.0), flight.y[:, -1], args=(chi,), dense_output=True)
     states = contact.sol(np.linspace(flight.t[-1], contact.t[-1], 2001)).T
     sideways = [abs(flange(y[:2])[0].imag) for y in states]
-    peak = max(force(y, chi) for y in states)
-    return flight.t[-1], contact.t[-1], closing, contact.y[5, -1], peak, sideways
+    return flight.t[-1], contact.t[-1], closing, contact.y[5, -1], sideways
 
 
 def test_all_joints_obey_lagranges_equations(tmp_path):
     arm, approach = two_rods(tmp_path)
     line = [complex(*vector[:2]) for vector in (approach.start, approach.direction)]
-    touched, parted, closing, velocity, peak, sideways = lagrange(*line)
+    touched, parted, closing, velocity, sideways = lagrange(*line)
     motion = ig.Trapezoid(2.0, 8.0)  # it still accelerates at the contact
     ours = all_joints.simulate(arm, approach, SCENE, motion, duration=parted + 1e-4, rtol=1e-10)
     assert (ours.status, ours.contact_count) == ("ok", 1)
     assert ours.touch_time == pytest.approx(touched, abs=1e-8)
     assert (ours.impact_velocity, ours.object_velocity) == pytest.approx((closing, velocity), abs=1e-7)
     assert ours.contact_time == pytest.approx(parted - touched, rel=1e-6)
-    assert ours.peak_force == pytest.approx(peak, rel=1e-5)
     assert ours.sideways == pytest.approx(max(sideways), rel=1e-3)
 
 
