@@ -117,34 +117,24 @@ def test_accelerations_are_the_slopes_of_the_velocities(friction):
         assert sensed == pytest.approx(slope, abs=0.02 * np.abs(slope).max())
 
 
-HITS = {  # scene, motion, rate (Hz), samples, samples before, noise; guesses of contact and mass; s, shift of the clock
-    "slow": (ig.Scene(ig.Tool(0.16), ig.Object(0.31, 0.05), ig.Contact(7.45e9, 0.77), ig.SpringDamper(5.0)),
-             ig.Trapezoid(0.0149, 50.0), 51200, 360, 64, 8e-4, ig.Contact(1e7, 0.5), 1.0, -3.36),
-    "spring pushes later": (
-        ig.Scene(ig.Tool(0.1), ig.Object(0.35, 0.27), ig.Contact(1.17e5, 0.29), ig.SpringDamper(823.0, 1.12)),
-        ig.Trapezoid(0.075, 2.9, ig.Brake()), 11500, 1280, 40, 2e-3, ig.Contact(1e10, 0.1), 0.05, 0.0),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", HITS)
 @pytest.mark.filterwarnings("ignore:object.mass is .* but its guess")
-def test_far_guess_or_other_clock_leads_to_the_same_fit(name):
+def test_far_guess_or_other_clock_leads_to_the_same_fit():
     """The misfit is not larger; nor is it smaller, or the interval wider, with one number fixed."""
-    truth, motion, rate, samples, before, noise, contact, mass, later = HITS[name]
-    sensor = ig.Sensor(bias="estimated")
-    time = ig.simulate(truth, motion, 20.0).contacts[0].start + (np.arange(samples) - before) / rate
+    truth = ig.Scene(ig.Tool(0.16), ig.Object(0.31, 0.05), ig.Contact(7.45e9, 0.77), ig.SpringDamper(5.0))
+    motion, sensor = ig.Trapezoid(0.0149, 50.0), ig.Sensor(bias="estimated")
+    time = ig.simulate(truth, motion, 20.0).contacts[0].start + np.arange(-64, 296) / 51200
     trace = ig.simulate(truth, motion, time[-1], trace=True).trace
     force = np.interp(time, trace.time, trace.contact_force)
-    noise *= force.max()
-    force += np.random.default_rng(0).normal(0.0, noise, samples)
+    noise = 8e-4 * force.max()
+    force += np.random.default_rng(0).normal(0.0, noise, len(time))
     best = ig.identify({"time": time, "force": force}, truth, motion, sensor=sensor)
-    start = replace(truth, object=replace(truth.object, mass=mass), contact=contact)
-    fit = ig.identify({"time": time + later, "force": force}, start, motion, sensor=sensor)
+    start = replace(truth, object=replace(truth.object, mass=1.0), contact=ig.Contact(1e7, 0.5))
+    fit = ig.identify({"time": time - 3.36, "force": force}, start, motion, sensor=sensor)
     assert fit.noise["force"] <= best.noise["force"] * (1.0 + 1e-3)
     assert [fit.noise["force"], np.std(fit.residuals[0]["force"])] == pytest.approx([noise, noise], rel=0.1)
     assert fit.estimate == pytest.approx(best.estimate, rel=1e-3)
     assert fit.estimate == pytest.approx(truths(truth), rel=0.03)
-    for fixed in fit.estimate if name == "slow" else ():
+    for fixed in fit.estimate:
         free = [other for other in fit.estimate if other != fixed]
         nested = ig.identify({"time": time, "force": force}, fit.scene, motion, free, sensor)
         assert np.std(nested.residuals[0]["force"]) >= np.std(fit.residuals[0]["force"]) * (1.0 - 1e-5)
