@@ -22,17 +22,12 @@ SOME_ANGLES = np.random.default_rng(0).uniform(LOWER, UPPER, size=(20, 6))
 SHIPPED, X, FORWARD = default_approach(), (1.0, 0.0, 0.0), Rotation.from_euler("y", np.pi / 2).as_matrix()
 
 
-def transform(rotation, translation):
-    result = np.eye(4)
-    result[:3, :3], result[:3, 3] = rotation, translation
-    return result
-
-
 def frames(angles):
     """Frames of links 1 to 6 from the URDF's origins and axes."""
     frame, result, origins = np.eye(4), [], KINEMATICS["urdf_joint_origins_xyz_m"]
     for origin, axis, angle in zip(origins, KINEMATICS["urdf_joint_axes"], angles, strict=True):
-        frame = frame @ transform(Rotation.from_euler(axis, angle).as_matrix(), origin)
+        moved = np.column_stack([Rotation.from_euler(axis, angle).as_matrix(), origin])
+        frame = frame @ np.vstack([moved, np.eye(4)[3]])
         result.append(frame)
     return result
 
@@ -130,7 +125,7 @@ def test_default_approach_is_straight_and_has_the_papers_mass():
     assert np.min([SHIPPED.joint_angles - LOWER, UPPER - SHIPPED.joint_angles]) > np.radians(10.0)
     for travel, angles in zip(SHIPPED.position, SHIPPED.joint_angles, strict=True):
         place = np.add(SHIPPED.start, (travel, 0.0, 0.0))
-        assert_equal(frames(angles)[-1], transform(FORWARD, place), 1e-10)
+        assert_equal(frames(angles)[-1][:3], np.column_stack([FORWARD, place]), 1e-10)
         assert condition(angles) < MAX_CONDITION
 
 
