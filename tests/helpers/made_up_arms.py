@@ -57,12 +57,11 @@ def elastic(path, base="base", tip="tip", **options):
     return from_urdf(path, base, tip, **ELASTIC | options)
 
 
-def slides(folder, first=2.0, second=3.225, axis="1 0 0"):
-    """Two slides, along `axis` and along y; along `axis` they are one mass on a spring."""
-    return write(
-        folder, link("base"), joint("x", "prismatic", "base", "carriage", axis=axis), link("carriage", first),
-        joint("y", "prismatic", "carriage", "tip", axis="0 1 0"), link("tip", second),
-    )  # fmt: skip
+def slides(folder, axis="1 0 0"):
+    """Two slides, along `axis` and along y; along `axis` they are one mass of 5.225 kg on a spring."""
+    first, second = (joint("x", "prismatic", "base", "carriage", axis=axis),
+                     joint("y", "prismatic", "carriage", "tip", axis="0 1 0"))  # fmt: skip
+    return write(folder, link("base"), first, link("carriage", 2.0), second, link("tip", 3.225))
 
 
 def seven_joints(folder, names=tuple(f"joint {k}" for k in range(7)), turn="0 0 0"):

@@ -1,11 +1,8 @@
-"""Blows recorded by the slow independent solver through an independent sensor; at the end a quick one of our solver.
+"""Blows recorded by the slow independent solver through an independent sensor; at the end a quick one of our solver."""
 
-Force and velocity are the solver's at NODES times of each contact, with cubics in between.
-"""
-
+from collections import namedtuple
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -17,18 +14,11 @@ from experiments.reference.chain import Chain
 from experiments.reference.motion import Motion
 
 RTOL = 1e-10
-NODES = np.linspace(0.0, 1.0, 100) ** 2  # shares of a contact; finest at the onset, where the force changes most
+NODES = np.linspace(0.0, 1.0, 100) ** 2  # shares of a contact, with cubics in between; finest at its onset
 GRID = 20_000  # times of a blow
 MOTION, SPRING = ig.Trapezoid(1.0, 8.0, ig.Brake()), ig.SpringDamper(150.0)
 SCENE_FILE = Path(__file__).with_suffix(".toml").read_text("utf-8")
-
-
-class Blow(NamedTuple):
-    """Evenly and finely spaced over time."""
-
-    time: np.ndarray  # s
-    force: np.ndarray  # N
-    object_velocity: np.ndarray  # m/s
+Blow = namedtuple("Blow", "time force object_velocity")  # s, N, m/s; evenly and finely spaced
 
 
 def scene(k_c=1e5, e=0.5, m_p=0.25, coupling=SPRING, robot=None):
@@ -64,13 +54,10 @@ def blow(of, motion, after):
 def log(
     of, rate=4000.0, noise=0.02, low_pass=None, bias=0.0, columns=("force",), seed=0, after=0.03, motion=MOTION,
 ):  # fmt: skip
-    """A log until `after` s behind the touch; the motion begins at 1 s, and the noise is relative to each peak.
-
-    The filter `low_pass` (Hz) is of first order, and at rest at the touch.
-    """
+    """A log until `after` s behind the touch; noise relative to each peak, filter of first order (Hz)."""
     here, rng, before = blow(of, motion, after), np.random.default_rng(seed), 0.01
     times = here.time[0] - before + np.arange(int((before + after) * rate)) / rate
-    recorded = {"time": times + 1.0}
+    recorded = {"time": times + 1.0}  # s; the motion begins at 1 s
     for name in columns:
         values = getattr(here, name)
         if low_pass is not None:

@@ -1,31 +1,30 @@
-"""Numbers identified from logs of the independent solver, their intervals, and what a log cannot determine."""
+"""Numbers identified from logs of the independent solver, what a log cannot determine, and blows not fitted."""
 
+import csv
 import math
+import re
+import tomllib
 from dataclasses import replace
-from functools import lru_cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from recorded_hits import MOTION, SPRING, log, scene, truths
+from recorded_hits import MOTION, SCENE_FILE, SPRING, blow, log, scene, truths, write_log
 from scipy.linalg import expm
 from scipy.stats import binomtest
 from solver_scenes import log_uniform
 
 import impact_gym as ig
-from impact_gym.identify.fit import BEYOND, Fit, intervals
-from impact_gym.identify.model import free_coordinates
+from agents import load_setup
+from impact_gym.identify.__main__ import main, set_up
+from impact_gym.identify.held_out import HeldOut, Prediction
 
-TRUTH = scene(1e5, 0.5)
+TRUTH, SLOW = scene(1e5, 0.5), replace(MOTION, speed=0.5)
+BOTH = ("force", "object_velocity")
 
 
 def guess(coupling=SPRING, robot=None):
     return scene(1e4, 0.8, 1.0, coupling, robot)
-
-
-@lru_cache
-def identified(seed=0):
-    """The fit of a log of force alone, 4 kHz and 2 % of noise."""
-    return ig.identify(log(TRUTH, seed=seed), guess(), MOTION)
 
 
 def assert_near(fit, of):
@@ -36,15 +35,14 @@ def assert_near(fit, of):
         assert abs(fit.estimate[name] - truth) <= high - low
 
 
-def log_width(fit, name="contact.stiffness"):
-    low, high = fit.interval[name]
-    return math.log(high / low)
+def log_width(fit):
+    return math.log(np.divide(*reversed(fit.interval["contact.stiffness"])))
 
 
 @pytest.mark.parametrize(("truth", "recorded", "sensor"), [
     (scene(1e6, 0.5, coupling=ig.Rigid()), {}, None),
     (scene(2e5, 0.3), {}, None),
-    (scene(3e4, 0.7, 0.1, robot=ig.Robot(5.225, 1.5e5, 53.75)), {"columns": ("force", "object_velocity")}, None),
+    (scene(3e4, 0.7, 0.1, robot=ig.Robot(5.225, 1.5e5, 53.75)), {"columns": BOTH}, None),
     (TRUTH, {"columns": ("object_velocity",)}, None),
     (TRUTH, {"low_pass": 300.0, "bias": 2.0}, ig.Sensor(4000.0, 300.0, "estimated")),
 ], ids=["rigid", "spring", "robot, two columns", "velocity alone", "filter and bias"])  # fmt: skip
@@ -57,11 +55,10 @@ def test_identify_finds_the_numbers_behind_a_log(truth, recorded, sensor):
     assert fit.scene.contact.stiffness == fit.estimate["contact.stiffness"]
     assert fit.start[0] == pytest.approx(1.0, abs=1e-3)
     assert fit.bias[0] == pytest.approx(dict.fromkeys(columns, recorded.get("bias", 0.0)), abs=0.3)
-    trace = ig.simulate(fit.scene, MOTION, 0.4, trace=True).trace
-    for name, values in {"force": trace.contact_force, "object_velocity": trace.object_velocity}.items():
-        if name in columns and sensor is None:
-            fitted = np.interp(given["time"] - fit.start[0], trace.time, values)
-            assert fit.residuals[0][name] == pytest.approx(given[name] - fitted, abs=1e-2 * fitted.max())
+    if sensor is None and "force" in columns:
+        trace = ig.simulate(fit.scene, MOTION, 0.4, trace=True).trace
+        fitted = np.interp(given["time"] - fit.start[0], trace.time, trace.contact_force)
+        assert fit.residuals[0]["force"] == pytest.approx(given["force"] - fitted, abs=1e-2 * fitted.max())
     labels = [axes.get_ylabel() for axes in fit.plot().axes]
     assert labels[1::2] == ["residual over noise"] * len(columns)
     assert labels[::2] == [f"{name} ({'N' if name == 'force' else 'm/s'})" for name in columns]
@@ -86,28 +83,18 @@ def test_sensor_responds_to_a_step_and_a_ramp_by_its_equations(damping_ratio, lo
 
 
 def test_identify_estimates_noise_or_uses_known_noise():
+    """Twice the noise and a quarter of the logs double the interval, and leave the correlation."""
     assert ig.identify(log(TRUTH, noise=1e-5), guess(), MOTION).estimate == pytest.approx(truths(TRUTH), rel=1e-3)
-    clear = log(TRUTH, noise=1e-5, after=0.012)  # the flange does not brake yet
-    clear["flange_velocity"] = np.ones_like(clear["time"])
-    steady = ig.identify(clear, scene(1e4, 0.5), MOTION, ("contact.stiffness",))
-    assert steady.estimate == pytest.approx({"contact.stiffness": 1e5}, rel=1e-3)
-    assert steady.noise["flange_velocity"] < 1e-6
     noise = 0.02 * log(TRUTH, noise=0.0)["force"].max()
     known, twice = (ig.identify(log(TRUTH), guess(), MOTION, sensor=ig.Sensor(noise=n)) for n in (noise, 2 * noise))
-    assert [identified().noise["force"], np.std(known.residuals[0]["force"])] == pytest.approx([noise, noise], rel=0.2)
+    alone = ig.identify(log(TRUTH), guess(), MOTION)
+    assert [alone.noise["force"], np.std(known.residuals[0]["force"])] == pytest.approx([noise, noise], rel=0.2)
     assert log_width(twice) == pytest.approx(2 * log_width(known), rel=0.25)  # the misfit is no parabola
     four = ig.identify([log(TRUTH, seed=seed) for seed in range(4)], guess(), MOTION)
     assert_near(four, TRUTH)
-    assert log_width(identified()) / log_width(four) == pytest.approx(2.0, rel=0.25)
-    assert len(four.start) == len(four.residuals) == 4
-
-
-def test_identify_fits_other_numbers_of_the_scene():
-    recorded = log(TRUTH, columns=("force", "object_velocity"), after=0.06)
-    start, free = scene(1e4, 0.5, coupling=ig.SpringDamper(300.0)), ("contact.stiffness", "coupling.stiffness")
-    fit = ig.identify(recorded, start, MOTION, free)
-    low, high = fit.interval["coupling.stiffness"]
-    assert low < 150.0 < high < 2 * low
+    assert log_width(alone) / log_width(four) == pytest.approx(2.0, rel=0.25)
+    assert np.allclose(alone.correlation, four.correlation, atol=0.1)
+    assert f"correlation of contact.stiffness and object.mass: {alone.correlation[0, 2]:.2f}" in str(alone)
 
 
 @pytest.mark.parametrize(("rate", "estimated", "grown"), [(4000.0, False, 3.841), (550.0, True, 4.965)])
@@ -131,35 +118,6 @@ def test_interval_ends_where_the_misfit_grew_by_the_quantile(rate, estimated, gr
     assert [(misfit(end) - least) / square for end in (low, high)] == pytest.approx([grown, grown], rel=0.1)
 
 
-class Misfit:
-    """A stand-in for `Model`: x = (ln(object.mass), v), with the misfit `profile(x[0])` at the best v, x[0]."""
-
-    size = samples = 2
-
-    def __init__(self, profile):
-        self.profile, self.tried = profile, set()
-        self.free, self.sensors = free_coordinates(TRUTH, ("object.mass",)), {"force": ig.Sensor(noise=1.0)}
-
-    def residuals(self, x):
-        self.tried.add(x[0])
-        return np.array([math.sqrt(self.profile(x[0])), x[1] - x[0]])
-
-    def jacobian(self, x, skip):
-        return np.array([[math.nan, 0.0], [-1.0, 1.0]])
-
-
-@pytest.mark.parametrize("well", [0.0, 0.4])
-def test_interval_contains_an_equal_minimum_behind_a_ridge(well):
-    model = Misfit(lambda u: min((u / 0.1) ** 2, ((u - well) / 0.1) ** 2 + 2.0 * (well > 0.0)))
-    covariance = 0.1**2 * np.array([[1.0, 1.0], [1.0, 2.0]])
-    fit = Fit(model, np.zeros(2), 0.0, covariance, covariance, [])
-    _, ((low, high),) = intervals(fit)
-    assert intervals(replace(fit, model=Misfit(lambda u: min((u / 0.1) ** 2, 3.0))))[1] == [(None, None)]
-    assert low < 0.0 <= well < high
-    assert [model.profile(low), model.profile(high)] == pytest.approx([3.841, 3.841], rel=0.04)  # twice END_TOLERANCE
-    assert well or len(model.tried) == 2 * (1 + len(BEYOND))  # a parabola ends where its curvature says
-
-
 def test_indistinguishable_names_an_object_too_heavy_to_weigh():
     fit = ig.identify(log(scene(1e5, 0.5, 50.0), after=0.012), guess(), MOTION)
     low, high = fit.interval["object.mass"]
@@ -167,47 +125,124 @@ def test_indistinguishable_names_an_object_too_heavy_to_weigh():
     assert f"the log does not determine object.mass: any value above {low:.3g} kg fits equally well" in str(fit)
 
 
-def test_indistinguishable_names_what_a_long_filter_mixes():
-    recorded = log(scene(1e7, 0.5, coupling=ig.Rigid()), low_pass=5.0, noise=0.1, after=0.012, seed=1)
-    free = ("contact.restitution", "object.mass")
-    fit = ig.identify(recorded, scene(1e7, 0.8, 1.0, ig.Rigid()), MOTION, free, ig.Sensor(low_pass=5.0))
-    low, high = fit.interval["contact.restitution"]
-    assert 0.0 < low < 0.5 < high == 1.0
-    assert fit.correlation[0, 1] < -0.95
-    restitution, pair = fit.indistinguishable
-    assert restitution.endswith(f"contact.restitution: any value above {low:.3g} fits equally well")
-    assert "contact.restitution and object.mass: a larger contact.restitution with a smaller object.mass" in pair
-
-
-def test_correlation_hardly_depends_on_the_noise():
-    fits = identified(0), identified(1)
-    assert len({*fits, *(fit.fit for fit in fits)}) == 4  # objects with arrays are compared by identity
-    assert np.allclose(fits[0].correlation, fits[1].correlation, atol=0.1)
-    assert np.allclose(np.diag(fits[0].correlation), 1.0)
-    assert f"correlation of contact.stiffness and object.mass: {fits[0].correlation[0, 2]:.2f}" in str(fits[0])
-
-
 @pytest.mark.slow
 def test_95_percent_intervals_contain_the_truth_that_often():
-    """Random scenes, recorded by random sensors with partly known properties; every fit has the same guess."""
+    """Random scenes and sensors; every fit has the same guess."""
     held = []
     for seed in range(40):
         rng = np.random.default_rng(seed)
-        spring = ig.SpringDamper(log_uniform(rng, 40.0, 300.0), rng.uniform(0.3, 1.5))
-        robot = ig.Robot(rng.uniform(3.5, 7.0), log_uniform(rng, 1e5, 1e6), rng.uniform(30.0, 80.0))
-        chain = ig.Rigid() if seed % 4 == 2 else spring, robot if seed % 4 == 3 else None
+        chain = ig.SpringDamper(log_uniform(rng, 40.0, 300.0), rng.uniform(0.3, 1.5)), ig.Robot(5.0, 2e5, 50.0)
         truth = scene(log_uniform(rng, 1e4, 1e6), rng.uniform(0.15, 0.9), log_uniform(rng, 0.05, 0.4), *chain)
-        motion = replace(MOTION, speed=rng.uniform(0.3, 1.2))
-        columns = ("force", "object_velocity")[: rng.integers(1, 3)]
+        motion, rate = replace(MOTION, speed=rng.uniform(0.3, 1.2)), log_uniform(rng, 1e3, 8e3)
         low_pass = log_uniform(rng, 200.0, 2000.0) if rng.random() < 2 / 3 else None
-        logged = {"rate": log_uniform(rng, 1e3, 8e3), "low_pass": low_pass, "columns": columns, "motion": motion}
-        noise, bias, known = log_uniform(rng, 0.01, 0.1), rng.choice([0.0, rng.normal(0.0, 0.5)]), rng.random() < 0.5
-        noises = {name: noise * values.max() for name, values in log(truth, noise=0.0, **logged).items()}
-        offset = "estimated" if bias else 0.0
-        given = noises if known else dict.fromkeys(columns)
-        sensor = {name: ig.Sensor(logged["rate"], low_pass, offset, given[name]) for name in columns}
-        recorded = log(truth, noise=noise, bias=bias, seed=seed, **logged)
+        noise, bias = log_uniform(rng, 0.01, 0.1), rng.normal(0.0, 0.5)
+        columns = BOTH[: rng.integers(1, 3)]
+        sensor = dict.fromkeys(columns, ig.Sensor(rate, low_pass, "estimated"))
+        recorded = log(truth, rate, noise, low_pass, bias, columns, seed, motion=motion)
         fit = ig.identify(recorded, scene(1e5, 0.5, 0.25, *chain), motion, sensor=sensor)
         held.append([low <= truths(truth)[name] <= high for name, (low, high) in fit.interval.items()])
     for hits in np.sum(held, axis=0):
         assert binomtest(int(hits), 40, 0.95).pvalue > 0.003  # 33 to 40 of 40
+
+
+@pytest.fixture
+def identify(tmp_path):
+    """Run the command on logs, with other lines of the scene's file."""
+
+    def run(*options, logs=(), **lines):
+        logs = logs or [log(TRUTH)]
+        for k, columns in enumerate(logs):
+            write_log(tmp_path / f"{k}.csv", columns)
+        scene_file = [lines.get(line.partition(" ")[0], line) for line in SCENE_FILE.splitlines()]
+        (tmp_path / "my.toml").write_text("\n".join(scene_file))
+        paths = [str(tmp_path / f"{k}.csv") for k in range(len(logs))]
+        main([*paths, "--scene", str(tmp_path / "my.toml"), *map(str, options)])
+
+    return run
+
+
+def test_intervals_become_ranges_of_the_set_up(identify, tmp_path, capsys):
+    out = tmp_path / "setup.toml"
+    identify("--out", out, "--plot", tmp_path / "a.png")
+    assert "is not reached" not in capsys.readouterr().out
+    setup = load_setup(out)
+    scenario = setup.environment["scenario"]
+    for name, truth in (("contact_stiffness", 1e5), ("restitution", 0.5), ("object_mass", 0.25)):
+        low, high = scenario[name]
+        assert 0.8 * truth < low < high < 1.25 * truth
+    assert (setup.title, scenario["distance"]) == ("Our arm", 0.2505)
+    assert (tmp_path / "a.png").stat().st_size > 0
+
+
+@pytest.mark.parametrize("interval", [(-0.05, -0.0), (-math.inf, -0.01), (0.0, 0.05), (0.01, math.inf)])
+def test_number_without_a_limit_on_one_side_keeps_its_value(interval):
+    content = {"environment": {"coupling": {"rear_stop": 0.03}, "scenario": {}}}
+    lines = set_up(content, SimpleNamespace(interval={"coupling.rear_stop": interval}), "")
+    assert tomllib.loads("\n".join(lines)) == content
+
+
+def test_other_numbers_are_fitted_and_the_doubts_printed(identify, tmp_path, capsys):
+    """The tool has 2.002 m/s where it touches: sqrt(2 * 8 m/s^2 * 0.2505 m)."""
+    speeds, free = (2.001, 2.003), ("contact.stiffness", "coupling.stiffness", "object.mass")
+    logs = [log(TRUTH, columns=BOTH, motion=replace(MOTION, speed=speed), after=0.06) for speed in speeds]
+    softer = "coupling = { type = 'SpringDamper', stiffness = 300.0, damping_ratio = 1.0 }"
+    known = {"tool_mass": "", "speed": f"speed = {[*speeds]}", "restitution": "restitution = 0.5"}
+    identify("--free", *free, logs=logs, coupling=softer, **known)
+    (tmp_path / "printed.toml").write_text(printed := capsys.readouterr().out)
+    assert "# default tool_mass used: 0.125 kg\n# motion.speed = 2.003 m/s is not reached in 0.2505 m" in printed
+    assert printed.count("is not reached") == 1
+    low, high = load_setup(tmp_path / "printed.toml").environment["coupling"]["stiffness"]
+    assert low < 150.0 < high < 2 * low
+
+
+def test_held_out_errors_are_relative_to_the_measured_values():
+    rows = [("a", "impulse", 2.0, 2.2, 1.9), ("b", "impulse", -4.0, -3.0, math.nan), ("c", "duration", 0.0, 1.0, 1.0)]
+    held = HeldOut(tuple(Prediction(*row) for row in rows))
+    assert held.errors("impulse")[0] == pytest.approx([0.1, 0.25])
+    assert [held.errors("impulse")[1][0], held.errors("duration")[0][0]] == pytest.approx([0.05, math.inf])
+    *rows, summary = str(replace(held, predictions=held.predictions[:2])).splitlines()[1:]
+    assert rows == ["a: impulse 2 N s, predicted 2.2, +10.0 %", "b: impulse -4 N s, predicted -3, -25.0 %"]
+    assert re.findall(r"[\d.]+ %", summary) == ["17.5 %", "24.2 %", "5.0 %"]  # median, 0.1 + 0.95 * 0.15, equal blows
+
+
+def test_hold_out_writes_predictions_beside_the_set_up(identify, tmp_path, capsys):
+    logs = [log(TRUTH, motion=motion, seed=seed) for seed, motion in enumerate((MOTION, SLOW, MOTION, SLOW))]
+    with pytest.warns(UserWarning, match="force"):  # the log has another stiffness and mass than the file
+        identify("--free", "contact.restitution", "--hold-out", "--out", tmp_path / "a.toml", logs=logs,
+                 speed="speed = [1.0, 0.5, 1.0, 0.5]")  # fmt: skip
+    printed, text = capsys.readouterr().out, (tmp_path / "a.toml").read_text()
+    comments = text.partition("\ntitle")[0]
+    assert comments == "\n".join(f"# {line}" for line in printed.splitlines())
+    rows = list(csv.DictReader((tmp_path / "a.held-out.csv").read_text().splitlines()))
+    assert [row["log"] for row in rows] == [str(tmp_path / f"{k}.csv") for k in range(4) for _ in range(3)]
+    assert {row["equal blows"] for row in rows} == {"nan"}  # the halves have one speed each
+    for row in rows:
+        off = 100.0 * (float(row["predicted"]) / float(row["measured"]) - 1.0)
+        assert re.search(rf"{row['log']}: {row['quantity']} .*, {re.escape(f'{off:+.1f}')} %\n", printed)
+
+
+def test_slow_blows_are_predicted_from_fast_ones_and_reverse():
+    """Compared with the independent solver without noise."""
+    motions = [MOTION, SLOW]
+    logs = [log(TRUTH, noise=0.01, columns=BOTH, seed=k, motion=each) for k, each in enumerate(motions)]
+    for each in ig.hold_out(logs, TRUTH, motions).predictions:
+        true = blow(TRUTH, motions[int(each.log.removeprefix("log ")) - 1], 0.03)
+        widths = np.ptp(true.time[true.force > 0.5 * true.force.max()])
+        last = true.object_velocity[true.time > true.time[0] + 0.02].mean()  # the last quarter of a log of 40 ms
+        exact = {"object_velocity": last, "peak_force": true.force.max(), "duration": widths,
+                 "impulse": 0.25 * true.object_velocity[-1]}  # fmt: skip
+        assert each.predicted == pytest.approx(exact[each.quantity], rel=0.02)
+        assert each.measured == pytest.approx(exact[each.quantity], rel=0.05)
+        assert np.isnan(each.equal)
+
+
+def test_equal_blows_are_the_median_of_the_fitted_half():
+    logs = [log(scene(1e5, e), noise=1e-4, columns=("object_velocity",)) for e in (0.3, 0.5, 0.6, 0.7, 0.4)]
+    with pytest.warns(UserWarning, match="object_velocity"):  # one restitution is fitted to several
+        found = ig.hold_out(logs, TRUTH, MOTION, free=("contact.restitution",))
+    ends = [np.mean(each["object_velocity"][-40:]) for each in logs]  # the last quarter of 160
+    assert [each.measured for each in found.predictions] == pytest.approx(ends)
+    halves = [np.median(ends[1::2]), np.median(ends[::2])]
+    assert [each.equal for each in found.predictions] == pytest.approx([halves[k % 2] for k in range(5)])
+    predicted = [each.predicted for each in found.predictions]
+    assert predicted == pytest.approx([halves[k % 2] for k in range(5)], rel=0.03)  # e is near the middle of its half
