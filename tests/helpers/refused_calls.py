@@ -1,6 +1,5 @@
 """What each table of refusals.toml calls, and the Python values of its texts "=...": both evaluated in this module."""
 
-import json
 import os
 import tomllib
 from dataclasses import replace  # noqa: F401
@@ -26,7 +25,6 @@ from agents.policies import Ensemble
 from agents.policies.policy import FORMAT
 from experiments.design.options import DesignOptions
 from experiments.play import __main__ as playing
-from experiments.play.assistance import playable
 from experiments.report import __main__ as reports
 from impact_gym.identify.__main__ import parse
 from impact_gym.robot import all_joints, default_approach, from_urdf
@@ -35,6 +33,7 @@ from impact_gym.task import evaluation_sets
 
 MOMENTS, APPROACH = count(1), default_approach()
 MAKERS = (gym.make, gym.make_vec, lambda _, num_envs=2, **options: ImpactVecEnv(num_envs, **options))
+TWO = partial(gym.make_vec, num_envs=2)
 STIFF_SHOULDER = partial(made_up_arms.edited, old=made_up_arms.SHOULDER, new=r'\1"0.2" upper="0.4"')
 HARD = (evaluation_sets.SHIPPED / "hard.csv").read_text()
 
@@ -42,10 +41,6 @@ HARD = (evaluation_sets.SHIPPED / "hard.csv").read_text()
 def value_of(text):
     """The value of a Python expression, such as "FORCE / 1e3"."""
     return eval(text, globals())
-
-
-def samples(index):
-    return {"time": TIME[index], "force": FORCE[index]}
 
 
 def file_of(name, read):
@@ -64,12 +59,9 @@ def set_up_file(text="", **tree):
     return load_setup("bad.toml")
 
 
-def report(own=None, out="out", **options):
-    """A refused report writes nothing; `own` is the content of a file of scenarios."""
+def report(out="out", **options):
+    """A refused report writes nothing."""
     Path("crooked.py").write_text("class Rule:\n    def predict(self, seen, **more):\n        return seen[0], None\n")
-    if own is not None:
-        Path("own.json").write_text(own if isinstance(own, str) else json.dumps(own))
-        options["scenarios"] = "own.json"
     try:
         reports.write(reports.ReportOptions(**{"policy": ("linear-blind",), "out": Path(out), **options}))
     finally:
@@ -78,35 +70,26 @@ def report(own=None, out="out", **options):
 
 def policy_file(content, arrays):
     packed, weights = Ensemble([made_up_policy(sizes=())], 0).packed()
-    weights |= {name: np.array(values, np.float32) for name, values in arrays.items()}
-    Path("policy.npz").write_bytes(archive_of(FORMAT, changed(packed, content), weights))
+    Path("policy.npz").write_bytes(archive_of(FORMAT, changed(packed, content), weights | arrays))
     load_policy("policy.npz")
 
 
-def stepped(make, action):
-    """In a batch the action of the last slot is bad; no slot moves."""
-    env, twin = make(ID), make(ID)
-    assert_identical(env.reset(seed=3), twin.reset(seed=3))
-    bad = action if action is None else np.array(action)
-    if bad is not None and env.action_space.shape[:-1]:
-        bad = np.stack([np.zeros_like(bad), bad])
-    with pytest.raises(ValueError, match="action") as refusal:
-        env.step(bad)
-    assert "finite" not in str(refusal.value) or bad.ndim == 1 or "action[1]" in str(refusal.value)
-    assert "shape" not in str(refusal.value) or str(env.action_space.shape) in str(refusal.value)
-    good = np.broadcast_to(encode(1.0, 8.0), env.action_space.shape)
-    assert_identical(env.step(good), twin.step(good))
-    raise refusal.value
-
-
-def reset_with(make, **options):
-    """A refused reset draws nothing: the next episode, whose draws a critic observes, is the same as without it."""
+def refusing(make, call):
+    """A refused call changes nothing: steps and draws, which a critic observes, are those of a twin without it."""
     env, twin = (make(ID, tool_mass=(0.1, 0.2), privileged=True) for _ in range(2))
     assert_identical(begin(env, seed=7), begin(twin, seed=7))
-    with pytest.raises(ValueError, match="option") as refusal:
-        begin(env, options=options)
+    with pytest.raises(ValueError, match=r"option|action") as refusal:
+        call(env)
+    good = np.broadcast_to(encode(1.0, 8.0), (2,) if make is gym.make else (2, 2))
+    assert_identical(env.step(good), twin.step(good))
     assert_identical(begin(env, options={}), begin(twin, options={}))
     raise refusal.value
+
+
+def stepped(make, action):
+    """In a batch the action of the last slot is bad."""
+    bad = action if action is None or make is gym.make else np.stack([np.zeros_like(action), action])
+    refusing(make, lambda env: env.step(bad))
 
 
 def bare(make, **options):
@@ -139,9 +122,10 @@ CALLS = {
     "make": [partial(make, ID) for make in MAKERS], "make_vec": partial(gym.make_vec, ID),
     "make with an operator": [partial(make, ID) for make in MAKERS],
     "make a batch of one or stable-baselines3's": [partial(make, ID) for make in MAKERS[1:]],
-    "step": [partial(stepped, make) for make in (gym.make, partial(gym.make_vec, num_envs=2))],
+    "step": [partial(stepped, make) for make in (gym.make, TWO)],
     "set_scenario": [lambda scenario, make=make: bare(make).set_scenario(scenario) for make in MAKERS],
-    "reset options": [partial(reset_with, make) for make in MAKERS],
+    "reset options": [lambda make=make, **options: refusing(make, lambda env: begin(env, options=options))
+                      for make in (gym.make, TWO, MAKERS[2])],
     "reset": [bare(make).reset for make in (gym.make, gym.make_vec)],
     "reset of a batch of 2": gym.make_vec(ID, num_envs=2).reset,
     "file of delays": file_of("delays.csv", lambda name: ig.Channel(trace=Path(name))),
@@ -150,7 +134,6 @@ CALLS = {
     "scene file": lambda changes: parse(changed(tomllib.loads(SCENE_FILE), changes), ("contact.stiffness",)),
     "altered set": file_of("mine.csv", evaluation_sets.load),
     "impact-gym play": lambda setup="teleop-rigid", **options: playing.work(playing.Play(setup, open=False, **options)),
-    "played set-up": lambda **tree: [set_up_file(**tree), playable("bad.toml")],
     "DesignOptions": lambda **options: DesignOptions(out=Path(), **options).checked(), "from_urdf": arm,
     "along": lambda start, direction, length, **options: (arm(**options) if options else usual_arm()).along(
         start, direction, length),
