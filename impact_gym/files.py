@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any, TypeVar
 
-from impact_gym.validation import nearest, one_of
+from impact_gym.validation import nearest, one_of, shown
 
 Content = TypeVar("Content")
 
@@ -62,7 +62,7 @@ def parsed(
 def reason(error: Exception) -> str:
     """Return in one line why a file cannot be read."""
     if isinstance(error, (RecursionError, KeyError)):
-        return f"it has no {error}" if isinstance(error, KeyError) else "it is nested too deeply"
+        return f"it has no {shown(*error.args)}" if isinstance(error, KeyError) else "it is nested too deeply"
     return " ".join(str(getattr(error, "strerror", None) or error).split())
 
 

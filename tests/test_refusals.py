@@ -27,26 +27,9 @@ from impact_gym.validation import shown
 TABLE = tomllib.loads(Path(__file__).with_name("refusals.toml").read_text())
 EXAMPLES = TABLE.pop("examples")
 OF_RECORDS = ("identify", "robot", "simulation")
-
-
-def cases(first, *rest):
-    """The changes of a row, each with the words of its message."""
-    if isinstance(first, dict):
-        return [(first, rest)]
-    values, *words = rest
-    return [
-        ({path: value}, [word.replace("{name}", path.split(".")[-1]).replace("{value}", repr(value)) for word in words])
-        for path, value in product(first.split(), values)
-    ]
-
-
-def calls(package, name, changes):
-    """The calls of the functions of a table with its good arguments and some changes."""
-    table = TABLE[package][name]
-    arguments = changed(*(filled(tree, EXAMPLES, value_of) for tree in (table.get("good", {}), changes)))
-    functions = CALLS.get(name) or resolve_name(name if ":" in name else f"impact_gym:{name}")
-    for function in functions if isinstance(functions, list) else [functions]:
-        yield lambda function=function: function(**(records(arguments) if package in OF_RECORDS else arguments))
+TABLES = {(package, name): table for package, tables in TABLE.items() for name, table in tables.items()}
+ROWS = [(*place, row) for place, table in TABLES.items() for row in table.get("refused", ())]
+ACCEPTING = [place for place, table in TABLES.items() if {"good", "numbers"} & table.keys()]
 
 
 @pytest.fixture(autouse=True)
@@ -59,19 +42,27 @@ def folder(tmp_path, monkeypatch, request):
     return tmp_path
 
 
-def each(key):
-    """The tables that have this key."""
-    found = [(package, name) for package, tables in TABLE.items() for name, table in tables.items() if key in table]
-    return pytest.mark.parametrize(("package", "name"), found, ids=map(" ".join, found))
+def calls(package, name, changes):
+    """The calls of the functions of a table with its good arguments and some changes."""
+    table = TABLES[package, name]
+    arguments = changed(*(filled(tree, EXAMPLES, value_of) for tree in (table.get("good", {}), changes)))
+    functions = CALLS.get(name) or resolve_name(name if ":" in name else f"impact_gym:{name}")
+    for function in functions if isinstance(functions, list) else [functions]:
+        yield lambda function=function: function(**(records(arguments) if package in OF_RECORDS else arguments))
 
 
-ROWS = [
-    pytest.param(package, name, row, id=f"{package} {name} {row[:2]}"[:100])
-    for package, tables in TABLE.items() for name, table in tables.items() for row in table.get("refused", ())
-]  # fmt: skip
+def cases(first, *rest):
+    """The changes of a row, each with the words of its message."""
+    if isinstance(first, dict):
+        yield first, rest
+        return
+    values, *words = rest
+    for path, value in product(first.split(), values):
+        field = path.rpartition(".")[2]
+        yield {path: value}, [word.replace("{name}", field).replace("{value}", repr(value)) for word in words]
 
 
-@pytest.mark.parametrize(("package", "name", "row"), ROWS)
+@pytest.mark.parametrize(("package", "name", "row"), ROWS, ids=[f"{a} {b} {row[:2]}"[:100] for a, b, row in ROWS])
 def test_refusal_names_field_value_and_unit_in_one_line(package, name, row, folder):
     for changes, words in cases(*row):
         for call in calls(package, name, changes):
@@ -83,27 +74,23 @@ def test_refusal_names_field_value_and_unit_in_one_line(package, name, row, fold
             assert "\n" not in message
             assert [word for word in words if word not in f"{kinds}: {message}\n"] == [], (changes, message)
             assert "ValueError" in kinds or message.startswith(f"{name}: ")
-            assert message.startswith(tuple(os.listdir())) == ("file" in TABLE[package][name])
+            assert message.startswith(tuple(os.listdir())) == ("file" in TABLES[package, name])
 
 
-@each("numbers")
+@pytest.mark.parametrize(("package", "name"), ACCEPTING, ids=map(" ".join, ACCEPTING))
 def test_number_is_taken_up_to_its_limits_and_not_beyond(package, name):
-    of_file = "file" in TABLE[package][name]
-    for paths, text in TABLE[package][name]["numbers"].items():
+    table = TABLES[package, name]
+    for call in calls(package, name, {}) if "good" in table else ():
+        call()
+    for paths, text in table.get("numbers", {}).items():
         for path in paths.split():
-            places = [part for part in path.split(".") if not part.isdigit()]
+            field = [part for part in path.split(".") if not part.isdigit()][-1]
 
             def take(value, path=path):
                 for call in calls(package, name, {path: value}):
                     call()
 
-            check_number(take, places[-1], Allowed.of(text), of_file)
-
-
-@each("good")
-def test_arguments_without_changes_are_accepted(package, name):
-    for call in calls(package, name, {}):
-        call()
+            check_number(take, field, Allowed.of(text), "file" in table)
 
 
 def test_misspelt_key_of_a_set_up_names_the_right_one():
@@ -114,19 +101,16 @@ def test_misspelt_key_of_a_set_up_names_the_right_one():
         "evaluation.": [field.name for field in dataclass_fields(Evaluation)],
         "evaluation.nominal.": SET_UP_ARGUMENTS, "evaluation.varied.tool_mass.": ("times",),
     }  # fmt: skip
-    rule = {"baselines": {"tuned": {"a": {"rule": "BlindProfile"}}}}
-    for place, names in tables.items():
-        for name in names:
-            wrong = changed(rule, {f"{place}{name[:-1]}": 1})
-            refused(lambda wrong=wrong: set_up_file(**wrong), f"unknown key {place}{name[:-1]}; did you mean {name!r}?")
+    for place, name in ((place, name) for place, names in tables.items() for name in names):
+        wrong = changed({"baselines": {"tuned": {"a": {"rule": "BlindProfile"}}}}, {f"{place}{name[:-1]}": 1})
+        refused(lambda wrong=wrong: set_up_file(**wrong), f"unknown key {place}{name[:-1]}; did you mean {name!r}?")
 
 
 @pytest.mark.parametrize(("argument", "kinds"), PARTS.items(), ids=PARTS)
 def test_description_of_a_record_names_its_kind_and_fields(argument, kinds):
-    names = [kind.__name__ for kind in kinds]
     wrong = [3, "Rigid", ig.Tool, *[{}, {"stiffness": 50.0}, {"type": 3}, {"type": "Pilot"}] * (len(kinds) > 1)]
     for value in wrong:
-        refused(partial(Task, **{argument: value}), f"{argument} must be", *names, shown(value))
+        refused(partial(Task, **{argument: value}), f"{argument} must be", *(k.__name__ for k in kinds), shown(value))
     for kind in kinds:
         fields = {field.name: field.default is MISSING for field in dataclass_fields(kind)}
         given = {"type": kind.__name__, "misspelt": 1.0}
@@ -141,8 +125,5 @@ def test_rule_takes_each_parameter_up_to_its_limits(rule):
     start = [parameter.start for parameter in kind.PARAMETERS]
     for place, parameter in enumerate(kind.PARAMETERS):
         allowed = Allowed(parameter.unit, at_least=parameter.low, at_most=parameter.high)
-
-        def take(value, place=place):
-            return kind.of([*start[:place], value, *start[place + 1 :]])
-
+        take = lambda value, place=place: kind.of([*start[:place], value, *start[place + 1 :]])  # noqa: E731
         check_number(take, parameter.name, allowed, wrong=())

@@ -1,13 +1,8 @@
 """What each table of refusals.toml calls, and the Python values of its texts "=...": both evaluated in this module."""
 
-import gzip  # noqa: F401  # for texts "=...", like others below
-import io
-import json
 import os
-import re
 import tomllib
-import zipfile
-from dataclasses import replace
+from dataclasses import replace  # noqa: F401
 from functools import cache, partial
 from itertools import count
 from pathlib import Path
@@ -19,56 +14,33 @@ import pytest
 import tomli_w
 from episode_runs import ID, assert_identical, begin, encode
 from made_up_policies import made_up_policy
-from recorded_hits import FLAT, FORCE, MOTION, NOISE, SCENE, SCENE_FILE, TIME, put, write_log  # noqa: F401
+from recorded_hits import FORCE, MOTION, NOISE, SCENE, SCENE_FILE, TIME, put  # noqa: F401
 from refusal import changed
-from tiny_training import tiny
 
 import impact_gym as ig
-from agents import check, load_policy, load_setup
+from agents import load_policy, load_setup
 from agents.archive import archive_of
-from agents.baselines import PaperTrapezoid, load_baseline  # noqa: F401
-from agents.policies import Ensemble, Policy
+from agents.baselines import PaperTrapezoid  # noqa: F401
+from agents.policies import Ensemble
 from agents.policies.policy import FORMAT
-from agents.setups import feasible
 from experiments.design.options import DesignOptions
 from experiments.play import __main__ as playing
-from experiments.play.assistance import playable
 from experiments.report import __main__ as reports
-from impact_gym.envs.batch import Batch
-from impact_gym.identify.__main__ import main as identify_command
+from impact_gym.identify.__main__ import parse
 from impact_gym.robot import all_joints, default_approach, from_urdf
-from impact_gym.robot.viper import angles_at, viper
 from impact_gym.sb3 import ImpactVecEnv
-from impact_gym.task import Task, evaluation_sets
+from impact_gym.task import evaluation_sets
 
-MOMENTS, APPROACH, six = count(1), default_approach(), cache(viper)
-EVERY_NUMBER = (
-    "contact.stiffness", "contact.restitution", "object.mass", "object.distance", "tool.mass", "coupling.stiffness",
-    "coupling.damping_ratio",
-)  # fmt: skip
+MOMENTS, APPROACH = count(1), default_approach()
+MAKERS = (gym.make, gym.make_vec, lambda _, num_envs=2, **options: ImpactVecEnv(num_envs, **options))
+TWO = partial(gym.make_vec, num_envs=2)
 STIFF_SHOULDER = partial(made_up_arms.edited, old=made_up_arms.SHOULDER, new=r'\1"0.2" upper="0.4"')
-TOO_MANY_ROWS = {"descr": "<f8", "fortran_order": False, "shape": (2**70, 0)}
-TOO_MANY_ROWS = b"\x93NUMPY\x01\0\x58\0" + b"%-88s" % repr(TOO_MANY_ROWS).encode()
+HARD = (evaluation_sets.SHIPPED / "hard.csv").read_text()
 
 
 def value_of(text):
     """The value of a Python expression, such as "FORCE / 1e3"."""
     return eval(text, globals())
-
-
-def samples(index):
-    return {"time": TIME[index], "force": FORCE[index]}
-
-
-def array_file():
-    np.save(file := io.BytesIO(), np.zeros(3))
-    return file.getvalue()
-
-
-def zip_file(content):
-    with zipfile.ZipFile(file := io.BytesIO(), "w") as packed:
-        packed.writestr("header.npy", content)
-    return file.getvalue()
 
 
 def file_of(name, read):
@@ -81,25 +53,15 @@ def file_of(name, read):
     return reading
 
 
-def altered_set(line, pattern, instead):
-    lines = (evaluation_sets.SHIPPED / "hard.csv").read_text().splitlines(keepends=True)
-    lines[line] = re.sub(pattern, instead, lines[line], count=1)
-    Path("mine.csv").write_text("".join(lines))
-    evaluation_sets.load("mine.csv")
-
-
 def set_up_file(text="", **tree):
     Path("bad.toml").write_text(text or tomli_w.dumps(tree))
     os.utime("bad.toml", ns=(moment := next(MOMENTS), moment))  # read anew, however soon after the last one
     return load_setup("bad.toml")
 
 
-def report(own=None, out="out", **options):
-    """A refused report writes nothing; `own` is the content of a file of scenarios."""
+def report(out="out", **options):
+    """A refused report writes nothing."""
     Path("crooked.py").write_text("class Rule:\n    def predict(self, seen, **more):\n        return seen[0], None\n")
-    if own is not None:
-        Path("own.json").write_text(own if isinstance(own, str) else json.dumps(own))
-        options["scenarios"] = "own.json"
     try:
         reports.write(reports.ReportOptions(**{"policy": ("linear-blind",), "out": Path(out), **options}))
     finally:
@@ -108,48 +70,30 @@ def report(own=None, out="out", **options):
 
 def policy_file(content, arrays):
     packed, weights = Ensemble([made_up_policy(sizes=())], 0).packed()
-    weights |= {name: np.array(values, np.float32) for name, values in arrays.items()}
-    Path("policy.npz").write_bytes(archive_of(FORMAT, changed(packed, content), weights))
+    Path("policy.npz").write_bytes(archive_of(FORMAT, changed(packed, content), weights | arrays))
     load_policy("policy.npz")
 
 
-MAKERS = (gym.make, gym.make_vec, lambda _, num_envs=2, **options: ImpactVecEnv(num_envs, **options))
-
-
-def stepped(make, action):
-    """In a batch the action of the last slot is bad; no slot moves."""
-    env, twin = make(ID), make(ID)
-    assert_identical(env.reset(seed=3), twin.reset(seed=3))
-    bad = action if action is None else np.array(action)
-    if bad is not None and env.action_space.shape[:-1]:
-        bad = np.stack([np.zeros_like(bad), bad])
-    with pytest.raises(ValueError, match="action") as refusal:
-        env.step(bad)
-    assert "finite" not in str(refusal.value) or bad.ndim == 1 or "action[1]" in str(refusal.value)
-    assert "shape" not in str(refusal.value) or str(env.action_space.shape) in str(refusal.value)
-    good = np.broadcast_to(encode(1.0, 8.0), env.action_space.shape)
-    assert_identical(env.step(good), twin.step(good))
-    raise refusal.value
-
-
-def reset_with(make, **options):
-    """A refused reset draws nothing: the next episode, whose draws a critic observes, is the same as without it."""
+def refusing(make, call):
+    """A refused call changes nothing: steps and draws, which a critic observes, are those of a twin without it."""
     env, twin = (make(ID, tool_mass=(0.1, 0.2), privileged=True) for _ in range(2))
     assert_identical(begin(env, seed=7), begin(twin, seed=7))
-    with pytest.raises(ValueError, match="option") as refusal:
-        begin(env, options=options)
+    with pytest.raises(ValueError, match=r"option|action") as refusal:
+        call(env)
+    good = np.broadcast_to(encode(1.0, 8.0), (2,) if make is gym.make else (2, 2))
+    assert_identical(env.step(good), twin.step(good))
     assert_identical(begin(env, options={}), begin(twin, options={}))
     raise refusal.value
 
 
+def stepped(make, action):
+    """In a batch the action of the last slot is bad."""
+    bad = action if action is None or make is gym.make else np.stack([np.zeros_like(action), action])
+    refusing(make, lambda env: env.step(bad))
+
+
 def bare(make, **options):
     return getattr(env := make(ID, **options), "unwrapped", env)
-
-
-def identify_main(changes, text="", words=()):
-    Path("my.toml").write_text(text or tomli_w.dumps(changed(tomllib.loads(SCENE_FILE), changes)))
-    write_log("log.csv", {"time": TIME, "force": FORCE})
-    identify_command(["log.csv", "--scene", "my.toml", *words])
 
 
 def arm(make=made_up_arms.rods, base="base", tip="tip", **options):
@@ -162,17 +106,6 @@ def urdf(old="", new="", joint=(), more="", **options):
     arm(partial(made_up_arms.edited, old=old, new=new), **options)
 
 
-ATTRIBUTES = {
-    "mass": 'mass value="', "ixx": 'ixx="', "upper": 'name="shoulder".*?upper="', "xyz": 'name="elbow".*?xyz="',
-    "rpy": 'name="elbow".*?rpy="',
-}  # fmt: skip
-
-
-def number_in_urdf(**text):
-    ((name, value),) = text.items()
-    urdf(f'({ATTRIBUTES[name]})[^"]*', rf"\g<1>{value}")
-
-
 @cache
 def usual_arm():
     return arm()
@@ -183,45 +116,28 @@ def usual_line():
     return usual_arm().along((0.1, 1.6), (1.0, 0.5, 0.0), 0.2)
 
 
-def line_of_slides():
-    return arm(made_up_arms.slides, joint_stiffness=1e5).along((0.0, 0.0), (1.0, 0.5, 0.0), 0.2)
-
-
 CALLS = {
-    "impact-gym report": report, "report of own scenarios": report,
-    "impact-gym check": lambda **tree: [*check.lines(set_up_file(**tree))],
-    "set-up file": set_up_file, "set-up": set_up_file, "number in a URDF": number_in_urdf, "policy file": policy_file,
-    "no policy file": file_of("policy.npz", load_policy),
-    "Ensemble": lambda sizes, chosen: Ensemble(
-        [made_up_policy(seed + 1, sizes=each) for seed, each in enumerate(sizes)], chosen),
-    "feasible.warnings": lambda **options: feasible.warnings(Task(**options)),
-    "training": lambda **options: tiny(**options).made_for(), "Policy.predict": made_up_policy().predict,
-    "load_baseline for an environment": lambda name, environment: load_baseline(name).for_task(Task(**environment)),
-    "Policy": lambda environment: Policy(made_up_policy().network, Task(**environment), {}),
+    "impact-gym report": report, "set-up file": set_up_file, "set-up": set_up_file,
+    "policy file": policy_file,
     "make": [partial(make, ID) for make in MAKERS], "make_vec": partial(gym.make_vec, ID),
     "make with an operator": [partial(make, ID) for make in MAKERS],
     "make a batch of one or stable-baselines3's": [partial(make, ID) for make in MAKERS[1:]],
-    "step": [partial(stepped, make) for make in (gym.make, partial(gym.make_vec, num_envs=2))],
+    "step": [partial(stepped, make) for make in (gym.make, TWO)],
     "set_scenario": [lambda scenario, make=make: bare(make).set_scenario(scenario) for make in MAKERS],
-    "reset options": [partial(reset_with, make) for make in MAKERS],
+    "reset options": [lambda make=make, **options: refusing(make, lambda env: begin(env, options=options))
+                      for make in (gym.make, TWO, MAKERS[2])],
     "reset": [bare(make).reset for make in (gym.make, gym.make_vec)],
     "reset of a batch of 2": gym.make_vec(ID, num_envs=2).reset,
-    "Batch of 3 rows": lambda tasks: Batch(3, [Task(**task) for task in tasks]),
-    "set_state": [
-        lambda rows, make=make: bare(make, num_envs=8).set_state(bare(make, num_envs=rows).get_state())
-        for make in MAKERS[1:]],
     "file of delays": file_of("delays.csv", lambda name: ig.Channel(trace=Path(name))),
     "log file": file_of("log.csv", lambda name: ig.identify(name, SCENE, MOTION, ("contact.stiffness",))),
-    "impact-gym identify": identify_main, "URDF": urdf, "altered evaluation set": altered_set,
-    "file that is no URDF": file_of("arm.urdf", lambda name: from_urdf(name, "base", "tip", **made_up_arms.ELASTIC)),
+    "URDF": urdf,
+    "scene file": lambda changes: parse(changed(tomllib.loads(SCENE_FILE), changes), ("contact.stiffness",)),
+    "altered set": file_of("mine.csv", evaluation_sets.load),
     "impact-gym play": lambda setup="teleop-rigid", **options: playing.work(playing.Play(setup, open=False, **options)),
-    "played set-up": lambda **tree: [set_up_file(**tree), playable("bad.toml")],
     "DesignOptions": lambda **options: DesignOptions(out=Path(), **options).checked(), "from_urdf": arm,
     "along": lambda start, direction, length, **options: (arm(**options) if options else usual_arm()).along(
         start, direction, length),
     "all_joints.simulate": lambda **given: all_joints.simulate(
         **{"arm": usual_arm(), "approach": usual_line()} | given),
-    "angles_at": lambda **place: angles_at(six(), **place), "jacobian": lambda angles: six().jacobian(angles),
-    "Approach": partial(replace, APPROACH),
 }  # fmt: skip
 """The function that each table calls, by the table's name. If there are several, all refuse the same input."""
