@@ -5,7 +5,6 @@ import sys
 from dataclasses import replace
 from typing import get_args
 
-import numpy as np
 import polars as pl
 import pytest
 from solver_scenes import COUPLINGS, MOTION, ROBOTS, scene
@@ -34,13 +33,6 @@ def test_named_approaches_have_their_34_digits(name):
     ours, _ = contenders.solved(NAMED[name], OURS, 1e-13)
     found = ours.velocity, ours.detection_time, ours.contacts, ours.passes
     assert found == pytest.approx(EXACT[name], rel=0.0, abs=1e-13)
-
-
-def test_truth_of_a_named_approach_is_that_of_two_methods():
-    (truth,) = contenders.true_row("soft")
-    found = (truth[name] for name in ("velocity", "detection_time", "second_contacts", "second_passes"))
-    assert (*found,) == pytest.approx(EXACT["soft"], rel=0.0, abs=1e-12)
-    assert truth["velocity_doubt"] < 1e-9
 
 
 def test_a_rival_that_is_missing_or_fails_is_a_row(monkeypatch):
@@ -172,7 +164,10 @@ def test_failures_name_runs_that_stop_hang_or_do_not_settle():
     stopped = storm.row_of(Approach("7", "", for_ever, ig.Trapezoid(2000.0, 20.0), 20.0)) | {"milliseconds": 1.0}
     hung = approaches.storm(3).about | {"failure": "no answer within 120 s"}
     broken = promises.failures(frame_of(row, stopped, hung))
-    assert [*zip(broken["scene"], broken["promise"], strict=True)] == [(1, promises.ENDED.text), (2, promises.ENDED.text)]
+    assert [*zip(broken["scene"], broken["promise"], strict=True)] == [
+        (1, promises.ENDED.text),
+        (2, promises.ENDED.text),
+    ]
 
 
 def test_agreement_finds_differences_and_counts_the_unknown():
@@ -181,7 +176,6 @@ def test_agreement_finds_differences_and_counts_the_unknown():
     changes = ({}, {"velocity": truth["velocity"] * (1 + 3e-6)}, {"passes": truth["passes"] + 1})
     same, elsewhere, passed = (promises.agreement(ours, frame_of(truth | change)) for change in changes)
     assert [each["apart"].to_list() for each in (same, elsewhere, passed)] == [[False], [True], [True]]
-    for without in (truth | {"failure": "no answer"}, {"failure": "no answer"}):  # the second has no solution
-        assert promises.agreement(ours, frame_of(without)).is_empty()
+    assert promises.agreement(ours, frame_of({"failure": "no answer"})).is_empty()
     assert promises.over_agreement(same, 1)[-1]
     assert not promises.over_agreement(same.clear(), 0)[-1]

@@ -1,23 +1,24 @@
-"""All studies by small runs: pages, tables, what kept cells depend on; then gain, teleop, stock, bench, stability."""
+"""The runner of studies: kept rows, cells that fail, tables, the page. Then small runs of all studies."""
 
+import json
 from dataclasses import replace
 from functools import cache, partial
 from html import unescape
 from importlib.util import find_spec
 from itertools import count
+from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
-from browser_pages import text_of_a_page_that_stands_on_its_own
+from browser_pages import stands_on_its_own, text_of_a_page_that_stands_on_its_own
+from matplotlib.figure import Figure
 
-from agents import jobs, load_policy
-from agents.baselines import PaperTrapezoid
-from agents.evaluate.scenario_batch import ScenarioBatch
+from agents import jobs
 from experiments import studies
-from experiments.lab import study
-from experiments.lab.parts import Table
-from experiments.lab.study import Cell, Run, StudyOptions
+from experiments.lab import study as lab_study
+from experiments.lab.parts import Heat, HeatMap, Picture, Section, Table
+from experiments.lab.study import Cell, Findings, Measurement, Run, Study, StudyOptions, csv_of
 from experiments.studies import bench, gain, speed, stability, stock, teleop
 from experiments.studies.solvers import approaches, contenders
 from experiments.studies.stability import promises, storm
@@ -26,6 +27,115 @@ from impact_gym.sources import compiled_from
 FIGURES = {"paper": 2, "speed": 1, "stability": 0, "gain": 0, "teleop": 2, "bench": 0, "stock": 1}
 SLOW = "bench", "stock"
 EVERY = [pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name for name in studies.NAMES]
+
+
+def squares(numbers, log):
+    """Rows of squares; each call writes a line to a file."""
+    with Path(log).open("a") as file:
+        print(*numbers, file=file)
+    if 0 in numbers:
+        raise ValueError("no\nzero")
+    return [{"number": number, "square": number**2} for number in numbers]
+
+
+def cubes(squares):
+    return pl.DataFrame({"cube": [row["number"] * row["square"] for row in squares]})
+
+
+def analysed(frames, quick):
+    figure = Figure()
+    figure.subplots().plot([0, 1], [0, 1])
+    squares = Table.of("Squares", frames.get("squares", pl.DataFrame()), {"kind": "{kind}", "V_p": "{square}"})
+    heat = HeatMap("Warm is worse", ("what", "cost"), [("noise", "1 tried", [Heat("1.2", "at most", 1.2)])])
+    line = Picture("line", figure, "A line that rises.", "V_p over k_c")
+    sections = [Section("Squares of V_p", [squares, Table("Nothing", ("a",), ()), heat, line], key="first")]
+    return Findings(f"quick: {quick}", [*sections, Section("More", ["x^2"], True)])
+
+
+@pytest.fixture
+def study(tmp_path):
+    log, kinds = str(tmp_path / "log"), {"small": [1, 2], "large": [10]}
+    cells = [Cell({"kind": kind}, {"numbers": numbers, "log": log}) for kind, numbers in kinds.items()]
+    return Study("squares", "Which squares?", (
+        Measurement("squares", lambda quick, _: cells[: 1 if quick else None], squares, (__name__,)),
+        Measurement("cubes", lambda _, of: [Cell({}, {"squares": of["squares"].to_dicts()})], cubes, (__name__,)),
+    ), analysed)  # fmt: skip
+
+
+def run(study, folder, **options):
+    made = Run(study, StudyOptions(folder, processes=0, **options), "impact-gym study squares")
+    made.write()
+    return made
+
+
+def test_rows_have_labels_and_later_tables_see_earlier_ones(study, tmp_path):
+    frames = run(study, tmp_path / "out", only=("cubes",))
+    assert frames["squares"].rows() == [("small", 1, 1), ("small", 2, 4), ("large", 10, 100)]
+    assert frames["cubes"]["cube"].to_list() == [1, 8, 1000]
+
+
+def test_csv_holds_no_formula_and_leaves_numbers_and_words():
+    texts = ["=1+1", "+1", "-2+3", "@SUM(A1)", "\t=1", "\r=1", "a=1", "learned policy minus rule"]
+    read = pl.read_csv(csv_of(pl.DataFrame({"text": texts, "number": [-1.5] * 8})).encode())
+    assert read.rows() == [(text, -1.5) for text in (*(f"'{each}" for each in texts[:6]), *texts[6:])]
+
+
+def test_page_stands_on_its_own(study, browser, tmp_path):
+    page = stands_on_its_own(browser, run(study, tmp_path / "out").folder / "index.html", 390)
+    for words in ("Which squares?", "quick: False", "A line", "impact-gym study squares"):
+        assert words in page.inner_text("main") or page.get_by_alt_text(words).count() == 1
+
+
+def test_kept_cells_are_measured_again_if_outdated(study, tmp_path, monkeypatch):
+    first, second = study.measurements
+    on_more, on_solver = (replace(first, depends=(name,)) for name in ("experiments.lab.parts", "impact_gym.scene"))
+    times = 0
+    for solver, measurement, force, again in (
+        ("one", first, False, True), ("one", first, False, False), ("one", on_more, False, True),
+        ("one", on_more, True, True), ("one", on_solver, False, True), ("two", on_solver, False, True),
+        ("two", first, False, True), ("one", first, False, False),  # does not depend on the solver
+    ):  # fmt: skip
+        monkeypatch.setattr(lab_study, "compiled_from", lambda solver=solver: solver)
+        run(replace(study, measurements=(measurement, second)), tmp_path / "out", force=force)
+        times += again
+        assert (tmp_path / "log").read_text().splitlines() == times * ["1 2", "10"]
+
+
+def test_page_and_tables_are_of_the_newest_run(study, tmp_path, monkeypatch):
+    run(study, tmp_path / "out")
+    more = [Cell({"kind": "small"}, {"numbers": [7], "log": str(tmp_path / "log")})]
+    newer = replace(study, measurements=(replace(study.measurements[0], cells=lambda *_: more), study.measurements[1]))
+    run(newer, tmp_path / "out")
+    assert pl.read_csv(tmp_path / "out" / "squares.csv").rows() == [("small", 7, 49)]
+    assert pl.read_csv(tmp_path / "out" / "cubes.csv").rows() == [(343,)]
+    text, log = (tmp_path / "out" / "index.html").read_text(), tmp_path / "out" / "results.json"
+    assert (">49<" in text, ">100<" in text) == (True, False)
+    assert [each["seconds"] > 0.0 for each in json.loads(log.read_text())["runs"]] == [True, True]
+    monkeypatch.setattr(Run, "measure", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        run(newer, tmp_path / "out", force=True)
+    (failed,) = json.loads(log.read_text())["runs"]  # those since the last --force
+    assert (failed["seconds"], failed["command"]) == (None, "impact-gym study squares")
+
+
+def test_quick_run_has_fewer_cells_and_only_names_tables(study, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run(study, None, quick=True, only=("squares",))
+    assert {file.name for file in Path("reports/squares-quick").glob("*.csv")} == {"squares.csv"}
+    assert pl.read_csv("reports/squares-quick/squares.csv").rows() == [("small", 1, 1), ("small", 2, 4)]
+    with pytest.raises(ValueError, match=r"only: no table 'cube' in the study squares; its tables: squares, cubes"):
+        run(study, tmp_path / "one", only=("cube",))
+
+
+def test_cell_that_fails_is_an_error_or_a_row(study, tmp_path):
+    log, kinds = str(tmp_path / "log"), {"one": [1], "none": [0]}
+    cells = [Cell({"kind": kind}, {"numbers": numbers, "log": log}) for kind, numbers in kinds.items()]
+    first = replace(study.measurements[0], cells=lambda *_: cells)
+    with pytest.raises(RuntimeError, match="1 of 2 jobs failed"):
+        run(replace(study, measurements=(first,)), tmp_path / "out")
+    allowed = replace(first, failed=lambda labels: {"number": len(labels["kind"])})
+    rows = run(replace(study, measurements=(allowed,)), tmp_path / "out")["squares"].rows()
+    assert rows == [("one", 1, 1, None), ("none", 4, None, "ValueError: no zero")]
 
 
 def beside_scipy(quick, frames):
@@ -38,10 +148,10 @@ def cells_of(name):
         return {figure: [Cell({}, {})] for figure in ("figure_02", "figure_23")}
     if name == "speed":
         return {"truth": [Cell({"scene": "soft"}, {"approach": "soft"})], "times": beside_scipy}
-    if name == "stability":  # 27: every coupling with every robot, three times
+    if name == "stability":
         patience = {2: 1e-3, 5: 60.0}  # s; too little for the independent solver, and enough
         truth = [Cell({"scene": number}, {"number": number, "patience": each}) for number, each in patience.items()]
-        return {"storm": [Cell({"scene": number}, {"number": number}) for number in range(27)], "truth": truth}
+        return {"storm": [Cell({"scene": number}, {"number": number}) for number in range(9)], "truth": truth}
     if name == "gain":
         few = {"scenarios": 10, "generations": 3, "tested": 20}
         found = [cell for cell in gain.searches(True, {}) if cell.labels["near"] == 0.15]
@@ -103,7 +213,7 @@ def test_page_and_tables_have_what_was_measured_once(name, small, monkeypatch):
     for table in (part for section in findings.sections for part in section.parts if isinstance(part, Table)):
         assert all(cell in text for row in (table.head, *table.rows) for cell in row) or not table.rows
     for table, frame in {**run, **findings.tables}.items():
-        assert (run.folder / f"{table}.csv").read_text() == study.csv_of(frame)
+        assert (run.folder / f"{table}.csv").read_text() == csv_of(frame)
     monkeypatch.setattr(jobs, "perform", None)  # nothing is measured again
     again = small_run(name, run.folder)
     assert all(again[table].equals(frame) for table, frame in run.items())
@@ -112,7 +222,7 @@ def test_page_and_tables_have_what_was_measured_once(name, small, monkeypatch):
 @pytest.mark.parametrize("name", studies.NAMES)
 def test_kept_cells_depend_on_measure_and_solver(name, monkeypatch):
     assert studies.load(name).name == name
-    monkeypatch.setattr(study, "digest_of", lambda *modules: " ".join(modules))
+    monkeypatch.setattr(lab_study, "digest_of", lambda *modules: " ".join(modules))
     for measurement in studies.load(name).measurements:
         solver, *modules = measurement.digest.split(" ")
         assert {*modules} == {measurement.measure.__module__, *measurement.depends}
@@ -128,16 +238,6 @@ def test_distances_have_the_distribution_of_the_prior():
         assert (away[away > gone] - gone).mean() == pytest.approx(memoryless.mean, rel=1e-2)
 
 
-def test_shares_of_the_gain_add_up(small):
-    priors = small("gain")["priors"]
-    rows, (line,) = priors.filter(rule="rule"), gain.by_prior(priors)
-    assert line["limits"].value + line["place"].value == pytest.approx(line["all"].value, rel=1e-12)
-    rule, steady, profile = (each.value for each in line["velocity"])
-    assert (rule, line["time"]) == pytest.approx((rows["object_velocity"].mean(), rows["approach_time"].mean()))
-    shares = (rule - steady) / rule, (steady - profile) / rule, 1.0 - profile / steady
-    assert [line[name].value for name in ("limits", "place", "profile")] == pytest.approx(shares)
-
-
 def test_assistances_are_compared_in_the_same_scenarios(small):
     run = small("teleop")
     cells = {row["contestant"]: row for row in teleop.table_of_cells(run) if row["operator"] == "steady"}
@@ -151,15 +251,6 @@ def test_assistances_are_compared_in_the_same_scenarios(small):
         assert row["brake_cost"] == pytest.approx(brake["cost"] - row["cost"], abs=1e-12)
         assert who == teleop.POLICY or row["taken"] == 0.0  # they do not change the command before the touch
     assert brake["slide"] < cells[teleop.ALONE]["slide"]  # the brake stops before the operator sees the touch
-
-
-@pytest.mark.slow
-def test_stock_agents_end_after_their_steps_beside_others(small):
-    run = small("stock")
-    assert {run[name]["steps"][-1] for name in stock.ALGORITHMS} == {64}
-    scenarios = ScenarioBatch(41_000_000, 500, time_weight=[2.0])
-    for name, controller in (("rule", PaperTrapezoid()), ("policy", load_policy(stock.FIRST))):
-        assert run["others"][name][0] == scenarios.play(controller).loss(2.0).mean()
 
 
 def test_rate_counts_every_step_of_the_calls_made():
