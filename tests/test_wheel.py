@@ -20,9 +20,7 @@ TEN_LINES = re.search(r"```python\n(import gymnasium.*?)```", (ROOT / "docs/inde
 HEAVY = {"torch", "stable_baselines3", "matplotlib", "tensorboard", "pygame", "pandas", "polars", "tyro", "mujoco"}
 CORE_ALONE = f"import sys; sys.modules.update(dict.fromkeys({HEAVY!r}))\n"  # importing one of these then fails
 FOUND = f"""
-import importlib.util, sys
-from impact_gym.experiments.command import COMMANDS
-print(all(importlib.util.find_spec(each.module) for group in COMMANDS.values() for each in group.values()))
+import sys, impact_gym.experiments.command
 print(*[name for name, each in sys.modules.items() if str(getattr(each, "__file__", "")).startswith({f"{ROOT}/"!r})])
 """
 
@@ -74,7 +72,7 @@ def test_wheel_plays_like_the_checkout_without_it(wheel, tmp_path, capsys):
         (tmp_path / f"{name}.py").write_text(f"raise ImportError('this is another {name}')")
     played = output(CORE_ALONE + TEN_LINES + FOUND, tmp_path / "wheel").splitlines()
     exec(TEN_LINES, {})
-    assert played == [capsys.readouterr().out.strip(), "True", ""]
+    assert played == [capsys.readouterr().out.strip(), ""]
 
 
 def test_version_is_that_of_changelog_and_citation():

@@ -106,25 +106,22 @@ LONG = {"figure_06", "figure_07", "figure_16", "figure_18"}
 
 def agreeing(numbers, verdicts=AGREEING):
     """The statements with these verdicts that are tests of computed figures and do not only follow from others."""
-    said = {
-        name: said for name, said in SAID.items()
-        if said.basis == "test" and not said.agree and name.partition(".")[0] in numbers
-    }  # fmt: skip
+    tests = {name: said for name, said in SAID.items() if said.basis == "test" and not said.agree}
+    said = {name: each for name, each in tests.items() if name.partition(".")[0] in numbers}
     return {name for name, found in zip(said, judged(numbers, said)["verdict"], strict=True) if found in verdicts}
 
 
-@pytest.mark.parametrize(
-    "left_out", [BEYOND | LONG, pytest.param(BEYOND, marks=pytest.mark.slow)], ids=["short", "all"]
-)
+@pytest.mark.parametrize("left_out", [BEYOND | LONG, pytest.param(BEYOND, marks=pytest.mark.slow)])
 def test_a_wrong_model_contradicts_each_statement(frames, monkeypatch, left_out):
     """None agrees only because its tolerance is wide. A figure that a model cannot compute contradicts nothing."""
     tables = {table.name: table for table in STUDY.measurements if table.name not in left_out}
     agree = agreeing({name: MADE[f"_numbers_{name}"](frames[name]) for name in tables})
     simulate, contradicted = ig.simulate, set()
     for change in WRONG_MODELS.values():
-        wrong = lambda scene, motion, *rest, change=change, **options: simulate(
-            *change(scene, motion), *rest, **options
-        )
+
+        def wrong(scene, motion, *rest, change=change, **options):
+            return simulate(*change(scene, motion), *rest, **options)
+
         monkeypatch.setattr(ig, "simulate", wrong)
         numbers = {}
         for name, table in tables.items():
