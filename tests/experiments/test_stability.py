@@ -1,11 +1,9 @@
-"""Solvers: truths with 34 digits, rivals, ratios of times; the storm covers its ranges and finds planted faults."""
+"""Solvers: truths with 34 digits, rivals, ratios; the storm covers its ranges and finds planted faults."""
 
 import math
 import sys
 from dataclasses import replace
-from typing import get_args
 
-import numpy as np
 import polars as pl
 import pytest
 from solver_scenes import COUPLINGS, MOTION, ROBOTS, scene
@@ -16,7 +14,6 @@ from experiments.studies.solvers import approaches, contenders, taylor
 from experiments.studies.solvers.approaches import Approach, Solution
 from experiments.studies.solvers.contenders import CAREFUL, OURS, PEER
 from experiments.studies.stability import promises, storm
-from impact_gym.scene import Dissipation
 
 NAMED = {approach.name: approach for approach in approaches.named()}
 EXACT = {  # V_p (m/s) and alarm (s) by heyoka with 34 digits, contacts and snap-throughs
@@ -36,26 +33,6 @@ def test_named_approaches_have_their_34_digits(name):
     assert found == pytest.approx(EXACT[name], rel=0.0, abs=1e-13)
 
 
-def test_truth_of_a_named_approach_is_that_of_two_methods():
-    (truth,) = contenders.true_row("soft")
-    found = (truth[name] for name in ("velocity", "detection_time", "second_contacts", "second_passes"))
-    assert (*found,) == pytest.approx(EXACT["soft"], rel=0.0, abs=1e-12)
-    assert truth["velocity_doubt"] < 1e-9
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", NAMED)
-def test_heyoka_with_34_digits_confirms_truth_and_contenders(name):
-    number = getattr(pytest.importorskip(PEER), "real128", None) or pytest.skip("heyoka has no numbers of 34 digits")
-    exact, truth = taylor.Run(*NAMED[name].run, 1e-30, number).solve(), contenders.true_row(name)[0]
-    assert (float(exact.velocity), float(exact.detection_time)) == pytest.approx(EXACT[name][:2], rel=1e-15)
-    assert truth["velocity"] == pytest.approx(EXACT[name][0], rel=0.0, abs=1e-13)
-    for solver, setting, error in ((OURS, 1e-13, 1e-14), (PEER, 1e-10, 1e-7)):
-        solution, _ = contenders.solved(NAMED[name], solver, setting)
-        assert contenders.failure(solution, exact, error) == ""
-        assert solution.detection_time == pytest.approx(EXACT[name][1], rel=0.0, abs=1e-9)
-
-
 def test_a_rival_that_is_missing_or_fails_is_a_row(monkeypatch):
     monkeypatch.setitem(sys.modules, PEER, None)
     taylor.integrator.cache_clear()
@@ -69,39 +46,24 @@ def test_a_rival_that_is_missing_or_fails_is_a_row(monkeypatch):
         assert row["microseconds"] == math.inf
 
 
-def test_time_of_a_call_is_the_mean_of_the_best_round(monkeypatch):
-    seconds = iter([9.0, 1e-3, *[2e-3] * 2, *[4e-3] * 2, 1e-3, 1.0])  # the first call is not timed
-    monkeypatch.setattr(contenders, "solved", lambda *_: (Solution(1.0), next(seconds)))
-    (row,) = contenders.timed("soft", {"velocity": 1.5}, [(OURS, 1e-6)], rounds=2)
-    assert (row["microseconds"], row["velocity_error"]) == pytest.approx((1e6 * 5e-3 / 3, 0.5))
-
-
-@pytest.mark.parametrize(("change", "kind"), [
-    ({"velocity": 1.009}, ""), ({"velocity": 1.011}, contenders.WRONG), ({"velocity": math.nan}, contenders.NOT_FINITE),
-    *(({name: value}, contenders.MISCOUNTED) for name, value in
-      (("contacts", 1), ("passes", 0), ("detection_time", math.nan))),
-])  # fmt: skip
-def test_failure_names_the_error_of_a_solution(change, kind):
+def test_failure_names_the_error_of_a_solution():
     exact = Solution(1.0, 10.0, 0.1, 0.3, contacts=2, passes=1)
-    assert contenders.failure(replace(exact, **change), exact, contenders.TOO_WRONG) == kind
+    for name, value, kind in (
+        ("velocity", 1.009, ""), ("velocity", 1.011, contenders.WRONG), ("velocity", math.nan, contenders.NOT_FINITE),
+        *((name, value, contenders.MISCOUNTED) for name, value in
+          (("contacts", 1), ("passes", 0), ("detection_time", math.nan))),
+    ):  # fmt: skip
+        assert contenders.failure(replace(exact, **{name: value}), exact, contenders.TOO_WRONG) == kind
 
 
 def test_ratio_is_of_the_cheapest_setting_that_keeps_its_error():
     names = ["contender", "setting", "microseconds", "velocity_error"]
     rows = [["heyoka", 1e-3, 10.0, 1e-9], ["heyoka", 1e-4, 100.0, 1e-5], ["heyoka", 1e-5, 1e3, 1e-7]]
     rows = pl.DataFrame([*rows, [OURS, 1e-6, 50.0, 1e-8]], names, orient="row")
-    rows = rows.with_columns(failure=pl.lit(""), scene=pl.lit("soft"), rival=pl.lit("heyoka"))
-    found = speed.ratios(rows)
+    found = speed.ratios(rows.with_columns(failure=pl.lit(""), scene=pl.lit("soft"), rival=pl.lit("heyoka")))
     assert found["ratio"].to_list() == [0.2, 20.0, None, None]
     assert speed.answer(found).startswith("Faster than impact_gym: heyoka takes 0.20 times as long")
     assert speed.answer(found.filter(error=1e-6)).startswith("No rival is faster than impact_gym")
-    cells = [["50", "10"], ["50", "1000"], ["50", "not reached"], ["-", "not reached"]]
-    assert [row[1:] for row in speed.table_of(found).rows] == cells
-    truths = pl.DataFrame({"scene": ["soft"], "description": [""], "velocity_doubt": [1e-12]})
-    (axes,) = speed.drawn(rows, truths).figure.axes
-    curves = {tuple(line.get_xdata()): tuple(line.get_ydata()) for line in axes.lines}
-    assert curves[10.0, 100.0, 1e3] == (1e-9, 1e-5, 1e-7)
-    assert ("time" in axes.get_xlabel(), "error" in axes.get_ylabel()) == (True, True)
 
 
 def approach_of(coupling=None, robot=None, e=0.5, motion=MOTION):
@@ -111,25 +73,17 @@ def approach_of(coupling=None, robot=None, e=0.5, motion=MOTION):
 def test_storm_covers_its_ranges_by_number_alone():
     drawn = [approaches.storm(number) for number in range(600)]
     scenes, contacts = [approach.scene for approach in drawn], [approach.scene.contact for approach in drawn]
-    couplings = [each.coupling for each in scenes if not isinstance(each.coupling, ig.Rigid)]
     for name, values in {
         "contact stiffness": [contact.stiffness for contact in contacts],
         "restitution": [contact.restitution for contact in contacts],
         "mass ratio": [each.object.mass / each.tool.mass for each in scenes],
         "speed": [approach.motion.speed for approach in drawn],
-        "coupling stiffness": [each.stiffness for each in couplings],
+        "coupling stiffness": [each.coupling.stiffness for each in scenes if not isinstance(each.coupling, ig.Rigid)],
         "deceleration": [approach.motion.brake.deceleration for approach in drawn if approach.motion.brake],
     }.items():
-        low, high = approaches.RANGES[name]
-        assert (min(values), max(values)) == pytest.approx((low, high), rel=1e-12)
-        place = np.log(np.array(values) / low) / math.log(high / low)
-        inside = place[(place > 1e-9) & (place < 1 - 1e-9)]
-        assert np.quantile(inside, [0.1, 0.5, 0.9]) == pytest.approx([0.1, 0.5, 0.9], abs=0.06)
+        assert (min(values), max(values)) == pytest.approx(approaches.RANGES[name], rel=1e-12)
     assert len({approaches.kind(each) for each in scenes[:9]}) == 9
-    assert {contact.dissipation for contact in contacts} == {*get_args(Dissipation)}
     assert {(each.stiffness_exponent, each.damping_exponent) for each in contacts} == {*approaches.EXPONENTS}
-    assert {each.object.friction is None for each in scenes} == {False, True}
-    assert {getattr(each.coupling, "stroke", None) is None for each in scenes} == {False, True}
     assert [approaches.storm(number) for number in reversed(range(40))] == drawn[39::-1]
     assert len({repr(each) for each in scenes}) == 600
 
@@ -148,10 +102,8 @@ def promises_broken(row):
 def test_row_of_a_sound_run_breaks_no_promise(coupling, robot, e):
     approach = approach_of(COUPLINGS[coupling], ROBOTS[robot], e)
     row = storm.row_of(approach)
-    assert row["contacts"] > 0
     assert row["traced"]
-    assert promises_broken(row) == set()
-    assert row["energy_doubt"] < 1e-3
+    assert (row["contacts"] > 0, promises_broken(row)) == (True, set())
     if e == 1.0 and ig.simulate(*approach.run).contacts[-1].end is not None:
         # nothing dissipates, so a finished contact returns all its energy
         assert abs(row["energy_created"]) < 1e-6 + row["energy_doubt"]
@@ -209,20 +161,13 @@ def test_failures_name_runs_that_stop_hang_or_do_not_settle():
     stopped = storm.row_of(Approach("7", "", for_ever, ig.Trapezoid(2000.0, 20.0), 20.0)) | {"milliseconds": 1.0}
     hung = approaches.storm(3).about | {"failure": "no answer within 120 s"}
     broken = promises.failures(frame_of(row, stopped, hung))
-    assert broken["scene"].to_list() == [1, 2]
-    assert {*broken["promise"]} == {promises.ENDED.text}
-    assert "integration steps" in broken["reason"][0]
+    assert [row[:2] for row in broken.select("scene", "promise").rows()] == [(k, promises.ENDED.text) for k in (1, 2)]
 
 
 def test_agreement_finds_differences_and_counts_the_unknown():
-    ours = frame_of(storm.row_of(approaches.storm(5)))
-    (truth,) = storm.truth_row(5, 60.0)
-    changes = ({}, {"velocity": truth["velocity"] * (1 + 3e-6)}, {"passes": truth["passes"] + 1})
-    same, elsewhere, passed = (promises.agreement(ours, frame_of(truth | change)) for change in changes)
-    assert [each["apart"].to_list() for each in (same, elsewhere, passed)] == [[False], [True], [True]]
-    assert elsewhere["velocity_error"].item() == pytest.approx(3e-6, rel=1e-3)
-    for without in (truth | {"failure": "no answer"}, {"failure": "no answer"}):  # the second has no solution
-        assert promises.agreement(ours, frame_of(without)).is_empty()
-    assert promises.over_agreement(same, 1)[-1]
-    assert not promises.over_agreement(pl.concat([same, elsewhere]), 0)[-1]
-    assert not promises.over_agreement(same.clear(), 0)[-1]
+    ours, (truth,) = frame_of(storm.row_of(approaches.storm(5))), storm.truth_row(5, 60.0)
+    elsewhere, passed = {"velocity": truth["velocity"] * (1 + 3e-6)}, {"passes": truth["passes"] + 1}
+    for change, apart in (({}, [False]), (elsewhere, [True]), (passed, [True]), ({"failure": "no answer"}, [])):
+        found = promises.agreement(ours, frame_of(truth | change))
+        assert found["apart"].to_list() == apart
+        assert promises.over_agreement(found, 0)[-1] == (apart == [False])

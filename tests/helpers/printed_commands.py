@@ -37,8 +37,8 @@ def read_options(module, words, monkeypatch):
     with monkeypatch.context() as patched, warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of a module that is run and was imported before
         patched.setattr(sys, "argv", [module, *words])
-        patched.setattr(tyro, "cli", and_stop(tyro.cli))
-        patched.setattr(argparse.ArgumentParser, "parse_args", and_stop(argparse.ArgumentParser.parse_args))
+        for place, reads in ((tyro, "cli"), (argparse.ArgumentParser, "parse_args")):
+            patched.setattr(place, reads, and_stop(getattr(place, reads)))
         with pytest.raises((Read, SystemExit)) as ended:
             runpy.run_module(module, run_name="__main__", alter_sys=True)
     assert getattr(ended.value, "code", 0) == 0, f"{module} {words}: {ended.value}"  # of --help; 2: no such option
