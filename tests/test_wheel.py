@@ -21,7 +21,8 @@ HEAVY = {"torch", "stable_baselines3", "matplotlib", "tensorboard", "pygame", "p
 CORE_ALONE = f"import sys; sys.modules.update(dict.fromkeys({HEAVY!r}))\n"  # importing one of these then fails
 FOUND = f"""
 import sys, impact_gym.experiments.command
-print(*[name for name, each in sys.modules.items() if str(getattr(each, "__file__", "")).startswith({f"{ROOT}/"!r})])
+ours = tuple({[f"{ROOT / name}/" for name in PACKAGES]!r})
+print(*[name for name, each in sys.modules.items() if str(getattr(each, "__file__", "")).startswith(ours)])
 """
 
 
