@@ -4,15 +4,18 @@ import json
 import signal
 from pathlib import Path
 
+import numpy as np
 import play_client
 import pytest
 from browser_pages import opened
+from numpy.polynomial import Polynomial
 from play_client import SETUP, Page, served
 
 from experiments.play.server import HEADERS, Site
 from experiments.play.tries import BUSY
 
 FILM = json.dumps({"html": "<p></p>", "slides": {"You": 0.1, "Your hand, brake on": 0.0009}}), "application/json"
+HIDDEN = "document.dispatchEvent(new Event('visibilitychange'))"
 
 
 class Faked:
@@ -68,7 +71,7 @@ def faked(browser, world):
 
 def test_keys_move_the_stick_and_let_it_go(faked):
     keys = faked.page.keyboard
-    keys.down("ArrowRight")
+    keys.down("d")
     (begun,) = faked.said("begin")
     assert begun["distance"] == pytest.approx(0.115)  # the first level: near
     faked.begin()
@@ -78,18 +81,19 @@ def test_keys_move_the_stick_and_let_it_go(faked):
         keys.press(key)
         faked.run(70)
         assert {*faked.said("v")} >= {value}
-    keys.down("ArrowLeft")
-    keys.up("ArrowLeft")
-    keys.up("ArrowRight")
+    for key in ("ArrowLeft", "a"):
+        keys.press(key)
+    keys.up("d")
     assert len(faked.said("v")) <= 1  # the server refuses too many
-    for leaves in ("window.dispatchEvent(new Event('blur'))", "document.dispatchEvent(new Event('visibilitychange'))"):
-        keys.down("d")
-        faked.run(20)
-        assert faked.said("v")[-1] == 0.8
-        faked.page.evaluate(leaves)
-        faked.run(20)
+    for key, leaves in (("d", "window.dispatchEvent(new Event('blur'))"), ("a", HIDDEN)):
+        faked.run(80)
         assert faked.said("v")[-1] == 0.0
-        keys.up("d")
+        keys.down(key)
+        faked.run(20)
+        assert faked.said("v")[-1] == {"d": 0.8, "a": -0.8}[key]
+        faked.page.evaluate(leaves)
+    faked.run(20)
+    assert faked.said("v")[-1] == 0.0
     keys.press(" ")
     assert faked.said("done") == [1]
 
@@ -114,23 +118,18 @@ def test_pointer_sets_the_stick_at_its_place(faked, device):
         faked.begin()
         faked.run(100)
         assert faked.said("v")[-1] == pytest.approx(value, abs=0.01)
-        knob = page.locator("#knob").bounding_box()
-        assert knob["x"] + 0.5 * knob["width"] == pytest.approx(x, abs=0.05 * box["width"])
         page.mouse.up() if device == "mouse" else finger("End")
 
 
 def test_gamepad_moves_the_stick(faked):
-    for axis, begins, value in ((0.11, 0, []), (0.56, 1, [0.5]), (1.0, 0, [1.0]), (-0.56, 0, [-0.5]), (0.12, 0, [0.0])):
+    for axis, value in ((0.11, []), (0.56, [0.5]), (1.0, [1.0]), (-0.56, [-0.5]), (0.12, [0.0])):
         faked.ask("pad(given, false)", axis)
         faked.run(40)
         sent = faked.ask("said()")
-        assert sum("begin" in message for message in sent) == begins
+        assert sum("begin" in message for message in sent) == (axis == 0.56)
         assert [message["v"] for message in sent if "v" in message][-1:] == value
         if value:
             faked.begin()
-    faked.ask("pad(0, true)")
-    faked.run(20)
-    assert faked.said("done") == [1]
 
 
 def test_picture_moves_at_the_time_of_its_frames(faked, world):
@@ -151,20 +150,16 @@ def test_picture_moves_at_the_time_of_its_frames(faked, world):
     assert drawn > 188
     assert (faked.text("#speed"), faked.text("#clock")) == ("40 cm/s", "3.0 s left")  # 2 cm in 50 ms
     assert (ball.is_visible(), band.is_visible()) == (False, True)
-    faked.frame([0.02, 0.02, 0.15], [0.0, 0.0, 0.15], 0.1)
-    assert (faked.text("#speed"), ball.is_visible(), band.is_visible()) == ("\u221280 cm/s", True, False)
+    faked.frame([0.02, 0.02, 0.15], [0.02, 0.02, 0.15], touched=True)
     place = (faked.ask("number(given)", "#picture circle.igw-object", "cx") / scale - 0.03) - (home + 0.034)
     assert place == pytest.approx(0.15, abs=1 / scale)  # from the front of the tool to that of the object
-    faked.frame([0.02, 0.02, 0.15], [0.02, 0.02, 0.16], touched=True)
-    assert faked.text("#state") == "touched: let go!"
-    assert "object moved 1.0 cm" in page.text_content("#picture")
+    assert (ball.is_visible(), band.is_visible(), faked.text("#state")) == (True, False, "touched: let go!")
 
 
 def test_levels_end_in_free_play_and_only_good_tries_count(faked, world):
     page, (near, far) = faked.page, world.session.setups[faked.setup]["distance"]
     ends = {"did not touch": {"missed": 1.0}, f"Does not count. T{BUSY[1:]}.": {"marks": [BUSY]}, "It slid 2": {}}
-    for name, delay, seen, place in (("near", 0, True, 0.15), ("far", 0.2, True, 0.85), ("blind", 0.2, False, None)):
-        assert name in faked.text("#rounds [aria-pressed=true]")
+    for delay, seen, place in ((0, True, 0.15), (0.2, True, 0.85), (0.2, False, None)):
         for says, result in ends.items():
             page.keyboard.press("Enter")
             (begun,) = faked.said("begin")
@@ -180,9 +175,6 @@ def test_levels_end_in_free_play_and_only_good_tries_count(faked, world):
     page.keyboard.press("b")  # the last level again, though the page is at the next
     (begun,) = faked.said("begin")
     assert (begun["assist"], begun["delay"]) == ("brake", 0.2)
-    faked.begin()
-    faked.end(assist="brake", slide=0.005, done_time=3.0)
-    assert "Gentle! Best so far: 0.5 cm" in faked.text("#answer")
     page.wait_for_selector("#answer .again:has-text('You: 10.0 cm. Your hand, brake on: 0.9 mm.')")
 
 
@@ -194,20 +186,16 @@ def test_chart_has_a_dot_for_each_try_that_counts(faked):
     faked.end(marks=["interrupted: the page was closed"])
     labels = faked.ask("all(given)", "#chart .soft-text", "x", "y")
     numbers = [(float(text), x, y) for text, x, y in labels if text.replace(".", "").isdigit()]
-    across, up = [each for each in numbers if each[2] > 240], [each for each in numbers if each[1] < 40]
-    per_second = (across[-1][1] - across[0][1]) / (across[-1][0] - across[0][0])
-    per_centimetre = (up[-1][2] - up[0][2]) / (up[-1][0] - up[0][0])
-    dots = [number for dot in faked.ask("all(given)", "#chart .dot", "cx", "cy") for number in dot[1:]]
-    places = [(across[0][1] + per_second * time, up[0][2] - 4 + 100 * per_centimetre * slide) for time, slide in tries]
-    assert dots == pytest.approx([number for place in places for number in place], abs=0.1)
+    across, up = [(time, x) for time, x, y in numbers if y > 240], [(slide, y - 4) for slide, x, y in numbers if x < 40]
+    x, y = (Polynomial.fit(*np.transpose(scale), 1) for scale in (across, up))
+    dots = np.array([dot[1:] for dot in faked.ask("all(given)", "#chart .dot", "cx", "cy")])
+    assert dots == pytest.approx(np.array([(x(time), y(100 * slide)) for time, slide in tries]), abs=0.1)
 
 
-def test_page_says_what_went_wrong(faked):
+def test_page_takes_the_stick_and_connects_again(faked):
     faked.hear({"kind": "role", "player": False, "others": 1})
     faked.page.click("#banner button")
     assert faked.said("take") == [1]
-    faked.hear({"kind": "role", "player": True, "others": 2}, {"kind": "failed", "text": "no room to write"})
-    assert ("no room to write" in faked.text("#banner"), faked.page.locator("#go").is_enabled()) == (True, True)
     faked.ask("close(given)", {"code": 1008, "reason": "too fast"})
     assert "too fast" in faked.text("#banner")
     faked.page.click("#banner button")
@@ -241,7 +229,6 @@ def test_try_from_the_first_key_to_the_film_in_real_time(browser, tmp_path):
         page.wait_for_selector("#film .igw-panel")
         (this,) = server.tries()
         assert (this.record["uplink.delay"], max(this.operator["velocity"])) == (0.0, pytest.approx(0.3))
-        assert f"done after {this.result['done_time']:.1f} s" in page.inner_text("#answer")
         page.wait_for_load_state("networkidle")  # what is being fetched as the server stops fails
         page.click("#go")
         page.wait_for_selector("body.playing")
