@@ -1,9 +1,6 @@
 """Pages and their server: in this process on simulated time, and as a process of its own."""
 
-import json
 import os
-import re
-import signal
 import subprocess
 import sys
 from contextlib import contextmanager
@@ -12,7 +9,6 @@ from pathlib import Path
 
 import tomli_w
 from simulated_time import World
-from websockets.sync.client import connect
 
 from agents.setups import load_setup
 from experiments.play import try_files
@@ -24,12 +20,11 @@ from impact_gym.files import write_file
 
 SETUP = "teleop-spring"
 SERVE = """
-import os, runpy, sys
-def refuse(*priority): raise PermissionError
+import os, runpy
+def refuse(*priority): raise PermissionError  # as on a machine that gives no real-time priority
 os.sched_setscheduler = refuse
-sys.argv[0] = "play"
 runpy.run_module("experiments.play", run_name="__main__")
-"""  # on a machine that gives no real-time priority
+"""
 
 
 def pushed(velocity, after=4, assist="none", seed=1, setup=SETUP, **sliders):
@@ -54,15 +49,12 @@ def choices(setup, **chosen):
 
 
 class Simulated(World):
-    """A session and its clock in this process, on simulated time; it is both ends of their connection.
-
-    `sent` has the clock's messages and when it sent them. A try is steered by `steer(frame)`, called with each frame
-    as its page gets it.
-    """
+    """A session and its clock in this process, on simulated time, and both ends of their connection."""
 
     def __init__(self, folder):
         super().__init__()
-        self.setup, self.folder, self.sent = near_setup(folder), folder / "tries", []
+        self.setup, self.folder = near_setup(folder), folder / "tries"
+        self.sent = []  # messages of the clock, and when it sent them
         self.clock = Clock(self, self.time, self.sleep)
         self.session = Session(load_setup(self.setup), "none", self.folder, lambda: (self, lambda seconds: None))
 
@@ -77,7 +69,7 @@ class Simulated(World):
         """Nothing is to be closed."""
 
     def play(self, page, steer=lambda frame: None, seed=1, **chosen):
-        """Let a page begin a try and steer it; return the try, or what is said instead."""
+        """Let a page begin a try, and `steer(frame)` it at each frame that it gets; return the try or its failure."""
         page.steer = steer
         self.sent.clear()
         page.say(begin=choices(self.setup, **chosen))
@@ -88,7 +80,7 @@ class Simulated(World):
 
 
 class Page:
-    """A page of a simulated session, without a browser; it keeps what it gets and when."""
+    """A page of a simulated session, without a browser."""
 
     def __init__(self, world):
         self.world, self.messages, self.steer = world, [], lambda frame: None
@@ -111,43 +103,26 @@ class Page:
 
 
 class Served:
-    """A running server: its address and its process."""
+    """A running server, its clock's process included: where it is, and how to end it."""
 
-    def __init__(self, process, setup, folder):
-        self.process, self.setup, self.folder = process, setup, folder
-        self.address = process.stdout.readline().strip()
-        self.origin, self.path = re.fullmatch("(http://[^/]+)(.*)", self.address).groups()
+    def __init__(self, process):
+        self.process, self.address = process, process.stdout.readline().strip()
+        self.socket, self.origin = self.address.replace("http", "ws") + "ws", self.address.rsplit("/", 2)[0]
 
-    def connect(self, **options):
-        where = self.address.replace("http", "ws") + "ws"
-        return connect(where, **{"origin": self.origin, "compression": None, "close_timeout": 0.3, **options})
-
-    def tries(self):
-        return [this for _, this in try_files.folder_of(self.folder)]
-
-    def end(self, how=signal.SIGINT):
-        """End the server; return its exit code and what it and its clock print until both have ended."""
+    def end(self, how):
+        """End the server with a signal; return its exit code and what it and its clock print until both have ended."""
         self.process.send_signal(how)
         out, _ = self.process.communicate(timeout=60)
         return self.process.returncode, out
 
-    def push(self, page, frames):
-        """Begin a try, and push for some frames."""
-        page.send(json.dumps({"begin": choices(self.setup)}))
-        while frames > 0:
-            frames -= json.loads(page.recv(timeout=60.0))["kind"] == "frame"
-            page.send('{"v": 0.6}')
-
 
 @contextmanager
-def served(folder, setup=None):
-    """Serve the page with a folder of tries, at a free port; by default with a near set-up."""
-    setup = setup or near_setup(folder.parent)
+def served(setup, folder):
+    """Serve the page with a folder of tries, at a free port."""
     line = [sys.executable, "-c", SERVE, str(setup), "--port=0", "--no-open", f"--out={folder}"]
-    own = {"cwd": folder.parent, "env": os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}}
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
-    with subprocess.Popen(line, **own, **pipes) as process:
+    own = {"cwd": folder, "env": os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}, "text": True}
+    with subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, **own) as process:
         try:
-            yield Served(process, setup, folder)
+            yield Served(process)
         finally:
             process.kill()

@@ -6,12 +6,13 @@ import signal
 import socket
 
 import pytest
-from play_client import Simulated, choices, pushed, served
+from play_client import Simulated, choices, near_setup, pushed, served
 from refusal import refused
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.frames import Close
 from websockets.http11 import Request
+from websockets.sync.client import connect
 
 from experiments.play import server as serving
 from experiments.play import try_files
@@ -131,14 +132,17 @@ def test_folder_has_one_server_and_files_that_are_no_tries_are_kept(world):
 @pytest.mark.parametrize(("how", "exit_code"), [(signal.SIGKILL, -9), (signal.SIGINT, 130)])
 def test_server_that_is_stopped_in_a_try_loses_nothing(how, exit_code, tmp_path):
     """It listens here alone, and to no foreign page."""
-    with served(tmp_path / "tries") as server, server.connect() as page:
+    with served(near_setup(tmp_path), tmp_path) as server, connect(server.socket, origin=server.origin) as page:
         with pytest.raises(ConnectionRefusedError):  # a socket that listens at all addresses would listen there, too
             socket.create_connection(("127.0.0.2", server.origin.rpartition(":")[2]))
         with pytest.raises(InvalidStatus, match="403"):
-            server.connect(origin="http://evil.example")
-        server.push(page, 20)
+            connect(server.socket, origin="http://evil.example")
+        page.send(json.dumps({"begin": choices(tmp_path / "near.toml")}))
+        for _ in range(30):
+            page.recv(timeout=60.0)
+            page.send('{"v": 0.6}')
         code, said = server.end(how)
     assert (code, "Traceback" in said) == (exit_code, False)
-    (this,) = server.tries()
+    ((_, this),) = try_files.folder_of(tmp_path)
     assert this.marks[0] == "interrupted: the server was stopped"
     assert max(this.operator["velocity"]) > 0.1

@@ -19,21 +19,17 @@ def test_each_step_and_each_picture_comes_when_it_is_due(world, slow):
     page, before = Page(world), world.now
     this = world.play(page, page.push, slow=slow, assist="brake", jitter=0.02)
     assert page.got("ended")[0]["entry"].items() >= this.result.items()
-    _, info, *_ = tries.replayed(this)  # looking ahead has changed nothing
-    assert {name: info[name] for name in ("touch_time", "done_time", "taken")}.items() <= this.result.items()
+    assert tries.replayed(this)[1]["done_time"] == this.result["done_time"]  # looking ahead has changed nothing
     frames, shown = [message for message in world.sent if message["kind"] == "frame"], page.got("frame")
     assert len(this.late) == len(this.actions) == len(frames) - 1 > 20
     assert (np.abs(this.late).max() < 1e-9, this.marks) == (True, [])
     begun = np.array([frame["t"] for frame in frames])[:-1]  # a touch cuts a step short, and its frame is not sooner
     assert [frame["at"] - before for frame in frames[1:]] == pytest.approx(slow * (begun + PERIOD), abs=1e-4 * slow)
     assert {frame["dt"] for frame in frames[:-1]} >= {slow * PERIOD}
-    sent = {frame["n"]: frame["at"] for frame in frames}
-    waits = np.array([frame["at"] - sent[frame["n"]] for frame in shown]) / slow
+    waits = np.array([frame["at"] - frames[frame["n"]]["at"] for frame in shown]) / slow
     assert waits.min() == pytest.approx(0.1, abs=5e-3)  # half of the delay there and back, and the jitter
-    assert np.ptp(waits) > 0.01
     numbers = [frame["n"] for frame in shown]
-    assert numbers == sorted({*numbers})  # a picture that comes late is not shown after a newer one
-    assert len(numbers) < len(frames)
+    assert (numbers, len(numbers) < len(frames)) == (sorted({*numbers}), True)  # late and older pictures are not shown
     assert [message["kind"] for message in page.messages][-2:] == ["frame", "ended"]
 
 
@@ -63,10 +59,8 @@ def test_try_counts_where_exact_times_change_1_percent_at_most(world, naps, push
     exact, this = scripted(world, {}, pushes).result, scripted(world, naps, pushes)
     near = [this.result[name] == pytest.approx(exact[name], rel=0.01) for name in ("slide", "done_time")]
     assert (exact["slide"] > 0.02, all(near), this.marks) == (True, counts, [] if counts else [tries.BUSY])
-    nap, late = max(naps.values()), {*np.round(this.late, 5)}
-    assert late >= {0.0, nap}
-    if nap < PERIOD:  # late by less than a step: nothing changes
-        assert (this.result, -nap in late) == (exact, True)
+    if max(naps.values()) < PERIOD:  # late by less than a step: nothing changes
+        assert this.result == exact
     else:  # nothing is made up for; only the touch cuts a step short
         at = [message["at"] for message in world.sent if message["kind"] == "frame"]
         assert (np.diff(at) < PERIOD - 1e-9).sum() <= 1
@@ -76,13 +70,12 @@ def test_stick_gives_the_command_at_any_moment():
     stick = Stick()
     for velocity, came in ((0.4, 1.0), (0.0, 1.1), (0.3, 1.2), (0.0, 2.0), (0.2, 2.1)):
         stick.put(velocity, came)
-    expected = {0.9: 0.0, 1.0: 0.4, 1.099: 0.4, 1.1: HOLD, 1.2: 0.3, 1.2 + SILENT: 0.3, 1.21 + SILENT: 0.0, 2.05: HOLD}
+    expected = {0.9: 0.0, 1.0: 0.4, 1.099: 0.4, 1.1: HOLD, 1.2 + SILENT: 0.3, 1.21 + SILENT: 0.0, 2.05: HOLD}
     assert {moment: stick.at(moment) for moment in expected} == expected
     stick.touched_at = 2.0
-    assert [stick.at(moment) for moment in (1.15, 2.05, 2.1)] == [HOLD, 0.0, 0.2]
     stick.stop(2.2)
     stick.stop(2.15, "too late to mark it")
-    assert [stick.at(moment) for moment in (2.14, 2.15, 2.3)] == [0.2, 0.0, 0.0]
+    assert [stick.at(moment) for moment in (1.15, 2.05, 2.1, 2.15)] == [HOLD, 0.0, 0.2, 0.0]
     assert stick.marks == []
 
 
@@ -117,8 +110,8 @@ def test_try_is_kept_until_a_full_disk_has_room(world, monkeypatch):
 
 @pytest.mark.parametrize("why", ["another tab took the stick", "the page was closed"])
 def test_second_tab_watches_and_may_take_the_stick(world, why):
-    first, second, third = Page(world), Page(world), Page(world)
-    roles = [[(role["player"], role["others"]) for role in page.got("role")] for page in (first, second, third)]
+    pages = first, second, _ = [Page(world) for _ in range(3)]
+    roles = [[(role["player"], role["others"]) for role in page.got("role")] for page in pages]
     assert roles == [[(True, 0), (True, 1), (True, 2)], [(False, 1), (False, 2)], [(False, 2)]]
 
     def steer(frame):
@@ -130,12 +123,9 @@ def test_second_tab_watches_and_may_take_the_stick(world, why):
 
     this = world.play(first, steer)
     assert (this.marks, {*this.operator["velocity"]}) == ([f"interrupted: {why}"], {0.0, 0.25})
-    assert [page.got("role")[-1]["player"] for page in (first, second, third)] == ["tab" not in why, True, False]
-    assert second.got("ended")[0]["entry"]["marks"] == this.marks
+    assert [page.got("role")[-1]["player"] for page in pages] == ["tab" not in why, True, False]
     first.steer = lambda frame: None
     assert world.play(second, second.push).marks == []
-    world.session.leave(third, "it watched")
-    assert world.clock.stick.marks == []
 
 
 def test_object_is_shown_where_seen_or_touched_or_at_the_end(world):
@@ -152,25 +142,22 @@ def test_object_is_shown_where_seen_or_touched_or_at_the_end(world):
 @pytest.mark.parametrize("assist", NAMES)
 def test_try_is_played_again_by_environment_and_simulate(setup, assist, tmp_path):
     """The environment to the bit; `simulate`, from the executed motion alone, to 1e-9, and itself to the bit."""
-    for seed in range(2):
-        rng = np.random.default_rng(seed)
-        steer = lambda _, rng=rng: float(rng.uniform(0.1, 0.5))  # noqa: E731
-        done = pushed(steer, 4 + 18 * seed, assist, seed, setup)
-        this = try_files.read(try_files.write(tmp_path / "try.json", done))
-        _, info, *_ = tries.replayed(this)
-        assert {name: info["record"][name] for name in this.record} == this.record
-        assert {name: info[name] for name in ("touch_time", "done_time", "taken")}.items() <= this.result.items()
-        outcome = tries.simulated(this)
-        found = [outcome.peak_object_velocity, outcome.slide, outcome.peak_force]
-        assert found == [this.result[name] for name in ("object_velocity", "slide", "peak_force")]
-        expected = [info[name] for name in ("object_velocity", "slide", "peak_force")]
-        assert found == pytest.approx(expected, abs=1e-9, rel=1e-9)
+    rng = np.random.default_rng(0)
+    done = pushed(lambda _: float(rng.uniform(0.1, 0.5)), 9, assist, 0, setup)
+    this = try_files.read(try_files.write(tmp_path / "try.json", done))
+    _, info, *_ = tries.replayed(this)
+    assert {name: info["record"][name] for name in this.record} == this.record
+    assert {name: info[name] for name in ("touch_time", "done_time", "taken")}.items() <= this.result.items()
+    outcome, names = tries.simulated(this), ("object_velocity", "slide", "peak_force")
+    found = [outcome.peak_object_velocity, outcome.slide, outcome.peak_force]
+    assert found == [this.result[name] for name in names]
+    assert found == pytest.approx([info[name] for name in names], abs=1e-9, rel=1e-9)
 
 
 SCRIPT = "</script><script>alert(1)</script>"
 DAMAGES = {
     "format": "impact_gym try 1", "slow": 0.0, "assist": "magic", "seed": "1", "actions": [1.0], "late": [math.nan],
-    "marks": [SCRIPT], "setup": SCRIPT, "operator": {"type": "os:abort"}, "made": SCRIPT, "result": {},
+    "marks": [SCRIPT], "setup": SCRIPT, "operator": {"type": "os:abort"}, "made": SCRIPT,
     "environment": [], "motion": {"times": [10**400]}, "record": 10 ** 4000, "more": 1,
 }  # fmt: skip
 
@@ -178,35 +165,30 @@ DAMAGES = {
 def test_file_that_is_no_try_is_refused_in_one_line(tmp_path):
     file, mine = tmp_path / "a.json", pushed(lambda _: 0.5)
     made = json.loads(try_files.write(file, mine).read_text())
-    damaged = [json.dumps(made | {name: value}) for name, value in DAMAGES.items()]
-    for text in ("", "{}", "[]", "\x00", *damaged, json.dumps(made).replace('"missed": ', '"missed": 1e300')):
+    broken = DAMAGES | {"result": made["result"] | {"missed": 1e300}}
+    for text in ("", "{}", "[]", "\x00", *(json.dumps(made | {name: broken[name]}) for name in broken)):
         file.write_text(text)
         refused(lambda: try_files.read(file), "a.json cannot be read as a try")
-    os.mkfifo(tmp_path / "b.json")
     os.truncate(file, 1 << 30)
-    for name, says in (("b", "no regular file"), ("a", "at most 100,000,000 bytes")):
-        refused(lambda name=name: try_files.read(tmp_path / f"{name}.json"), says)
+    refused(lambda: try_files.read(file), "at most 100,000,000 bytes")
 
 
-def let_go(setup, delay=0.2, **asked):
+def let_go(delay=0.2, assist="none"):
     """Return the try of a hand that lets go 0.2 s after it sees the touch."""
     after = math.ceil((0.5 * delay + 0.2) / PERIOD)
-    return pushed(lambda _: 0.3, after, setup=setup, seed=3, delay=delay, jitter=0.0, **asked)
+    return pushed(lambda _: 0.3, after, assist, seed=3, delay=delay, jitter=0.0)
 
 
-@pytest.mark.parametrize("setup", ["teleop-rigid", SETUP])
-def test_same_hand_in_each_variant_does_what_it_would_have_done(setup):
-    this = let_go(setup)
+def test_same_hand_in_each_variant_does_what_it_would_have_done():
+    this = let_go()
     again = contest.again(this)
     slides = contest.film(again)["slides"]
     assert slides["You"] == pytest.approx(this.result["slide"], abs=1e-9)
     commands = [variant.played.operator for name, variant in again.items() if "no delay" not in name]
     assert commands == [this.operator] * len(commands)
-    for name in ("object_mass", "contact_stiffness", "restitution", "distance", "friction"):
-        assert {variant.played.record[name] for variant in again.values()} == {this.record[name]}
-    truth = let_go(setup, delay=0.0).result["slide"]  # of the hand that really sees the touch at once
+    truth = let_go(delay=0.0).result["slide"]  # of the hand that really sees the touch at once
     assert slides["Your hand, no delay"] == pytest.approx(truth, abs=1e-3)
     assert slides["You"] - truth > 0.03
     assert slides["Your hand, brake on"] < 0.5 * slides["You"]
-    assisted = contest.film(contest.again(let_go(setup, assist="brake")))["slides"]
+    assisted = contest.film(contest.again(let_go(assist="brake")))["slides"]
     assert assisted["Your hand, no help"] == pytest.approx(slides["You"], abs=1e-9)
