@@ -67,9 +67,7 @@ def test_try_counts_where_exact_times_change_1_percent_at_most(world, naps, push
 
 
 def test_stick_gives_the_command_at_any_moment():
-    stick = Stick()
-    for velocity, came in ((0.4, 1.0), (0.0, 1.1), (0.3, 1.2), (0.0, 2.0), (0.2, 2.1)):
-        stick.put(velocity, came)
+    stick = Stick([(-math.inf, 0.0), (1.0, 0.4), (1.1, 0.0), (1.2, 0.3), (2.0, 0.0), (2.1, 0.2)])
     expected = {0.9: 0.0, 1.0: 0.4, 1.099: 0.4, 1.1: HOLD, 1.2 + SILENT: 0.3, 1.21 + SILENT: 0.0, 2.05: HOLD}
     assert {moment: stick.at(moment) for moment in expected} == expected
     stick.touched_at = 2.0
