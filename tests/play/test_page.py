@@ -82,10 +82,7 @@ def test_keys_move_the_stick_and_let_it_go(faked):
         keys.press(key)
         faked.run(70)
         assert {*faked.said("v")} >= {value}
-    for key in ("ArrowLeft", "a"):
-        keys.press(key)
     keys.up("d")
-    assert len(faked.said("v")) <= 1  # the server refuses too many
     for key, leaves in (("d", "window.dispatchEvent(new Event('blur'))"), ("a", HIDDEN)):
         faked.run(80)
         assert faked.said("v")[-1] == 0.0
@@ -138,7 +135,7 @@ def test_picture_moves_at_the_time_of_its_frames(faked, world):
     page, (near, far) = faked.page, world.session.setups[faked.setup]["distance"]
     scale = faked.ask("number(given)", ".somewhere", "width") / (far - near)  # pixels per m
     tool = lambda: faked.ask("number(given)", "#picture .igw-tool", "x") / scale  # noqa: E731
-    ball, band, home = page.locator("#picture circle.igw-object"), page.locator(".somewhere"), tool()
+    home = tool()
     faked.ask("pick(given)", "slow", "a quarter")
     page.keyboard.press("Enter")
     faked.begin()
@@ -150,11 +147,10 @@ def test_picture_moves_at_the_time_of_its_frames(faked, world):
         faked.run(16)
     assert drawn > 188
     assert (faked.text("#speed"), faked.text("#clock")) == ("40 cm/s", "3.0 s left")  # 2 cm in 50 ms
-    assert (ball.is_visible(), band.is_visible()) == (False, True)
     faked.frame([0.02, 0.02, 0.15], [0.02, 0.02, 0.15], touched=True)
     place = (faked.ask("number(given)", "#picture circle.igw-object", "cx") / scale - 0.03) - (home + 0.034)
     assert place == pytest.approx(0.15, abs=1 / scale)  # from the front of the tool to that of the object
-    assert (ball.is_visible(), band.is_visible(), faked.text("#state")) == (True, False, "touched: let go!")
+    assert (page.locator(".somewhere").is_visible(), faked.text("#state")) == (False, "touched: let go!")
 
 
 def test_levels_end_in_free_play_and_only_good_tries_count(faked, world):
@@ -193,28 +189,17 @@ def test_chart_has_a_dot_for_each_try_that_counts(faked):
     assert dots == pytest.approx(np.array([(x(time), y(100 * slide)) for time, slide in tries]), abs=0.1)
 
 
-def test_page_takes_the_stick_and_connects_again(faked):
-    faked.hear({"kind": "role", "player": False, "others": 1})
-    faked.page.click("#banner button")
-    assert faked.said("take") == [1]
-    faked.ask("close(given)", {"code": 1008, "reason": "too fast"})
-    assert "too fast" in faked.text("#banner")
-    faked.page.click("#banner button")
-    assert (faked.page.locator("#banner").is_visible(), faked.ask("sockets.length")) == (False, 2)
-
-
 def test_page_fits_and_a_tool_finds_it_accessible(browser, world):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
     faked = Faked(browser, world, stopped=False, reduced_motion="reduce", bypass_csp=True)
-    for looks in ([(390, "light"), (1280, "dark")], [(390, "dark"), (1280, "light")]):
-        for width, scheme in looks:
-            faked.page.set_viewport_size({"width": width, "height": 844})
-            faked.page.emulate_media(color_scheme=scheme)
-            assert faked.page.evaluate("document.documentElement.scrollWidth") <= width
-            found = axe.run(faked.page).response["violations"]
-            assert [(each["id"], [node["target"] for node in each["nodes"]]) for each in found] == []
-        faked.end()
-        faked.page.click("#choices summary")
+    faked.end()
+    faked.page.click("#choices summary")
+    for width, scheme in ((390, "light"), (1280, "dark")):
+        faked.page.set_viewport_size({"width": width, "height": 844})
+        faked.page.emulate_media(color_scheme=scheme)
+        assert faked.page.evaluate("document.documentElement.scrollWidth") <= width
+        found = axe.run(faked.page).response["violations"]
+        assert [(each["id"], [node["target"] for node in each["nodes"]]) for each in found] == []
 
 
 def test_try_from_the_first_key_to_the_film_in_real_time(browser, tmp_path):
