@@ -52,7 +52,7 @@ def line_with(*inbox, begun=9.95, last=4.0, peer="ours"):
     (sent(acceleration=20.1), "or 20 m/s^2"), (sent(acceleration=-0.1), "or 20 m/s^2"),
 ])  # fmt: skip
 def test_wrong_packet_is_refused_with_its_reason(packet, reason):
-    line = line_with((packet, "ours"), ConnectionRefusedError())
+    line = line_with((packet, "ours"))
     assert (line.newest(), line.last, [*line.refused.values()]) == (None, 4.0, [1])
     assert reason in next(iter(line.refused))
 
@@ -121,13 +121,13 @@ def test_late_wake_up_of_the_arm_delays_no_later_one():
 
 
 def test_arm_waits_10_s_for_a_controller(tmp_path, monkeypatch):
-    """In vain, and without permission for real-time priority."""
-    world = World()
+    """In vain; and in real time, without permission for real-time priority, not at all."""
+    world, task = World(), SUBJECT.task.arguments()
     assert arm.play(Line(SHORT, Network(None), world.time, world.sleep), None, 0, 2.0, 60.0) == []
-    assert world.now == pytest.approx(arm.WAIT, abs=2 * PERIOD)
+    assert world.now == pytest.approx(10.0, abs=2 * PERIOD)
     monkeypatch.setattr(os, "sched_setscheduler", mock.Mock(side_effect=PermissionError))
     monkeypatch.setattr(arm, "WAIT", 0.0)
-    arm.serve(SUBJECT.task.arguments(), 2.0, 0, 1.0, tmp_path / "arm.json", mock.Mock(), SILENCE)
+    arm.serve(task, 2.0, 0, 1.0, tmp_path / "arm.json", mock.Mock(), SILENCE)
     assert (os.sched_setscheduler.called, json.loads((tmp_path / "arm.json").read_text())) == (True, [])
 
 
@@ -187,19 +187,16 @@ def test_controller_greets_for_10_s(probe):
 
 
 def test_controller_keeps_its_schedule_and_says_its_errors(probe):
-    naps, asked = {10: 300_000, 20: 3_500_000}, []  # ns, by wake-up
-
     def wake(until):
         asked.append(until)
         number = len(asked)
         probe.inbox.append(reading(number, -(number > 40), number))
-        return until + naps.get(number, 0)
+        return until + {10: 300_000, 20: 3_500_000}.get(number, 0)  # ns
 
-    _, printed, _ = probe.run(wake, priority=-1)
+    asked, expected = [], {"periods": 40, "calls": 3, "missed": 3, "refused": 0, "real_time": False}
+    expected |= {"error_median": 0.0, "error_99": 0.0035, "error_most": 0.0035}
+    assert json.loads(probe.run(wake, priority=-1)[1]) == expected
     assert asked == [10**6 * until for until in (*range(1, 21), *range(24, 45))]
-    measured = json.loads(printed)
-    assert measured == {"periods": 40, "calls": 3, "missed": 3, "refused": 0, "real_time": False, "error_median": 0.0,
-                        "error_99": 0.0035, "error_most": 0.0035}  # fmt: skip
 
 
 def test_loop_has_the_object_velocity_of_the_environment(tmp_path):
@@ -214,10 +211,8 @@ def test_loop_has_the_object_velocity_of_the_environment(tmp_path):
     found = command.measured(SUBJECT, 2.0, played) | json.loads(printed)
     assert (code, warned, found["missed"], found["refused"]) == (0, "", 0, 0)
     assert found["approaches"] == len(played) > 3
-    assert found["object_velocity"] == pytest.approx(np.mean([each["object_velocity"] for each in played]))
     assert found["object_velocity"] == pytest.approx(found["environment"], rel=0.01)
     assert found["age_median"] == pytest.approx(found["age_99"]) == pytest.approx(PERIOD)
-    assert found["age_most"] <= 2.001 * PERIOD
 
 
 def test_arm_and_controller_talk_over_udp(tmp_path, monkeypatch, capsys):
@@ -226,8 +221,8 @@ def test_arm_and_controller_talk_over_udp(tmp_path, monkeypatch, capsys):
     command.run(command.Loop("linear-blind", tmp_path, seconds=0.1))
     found, played = (json.loads((tmp_path / name).read_text()) for name in ("loop.json", "arm.json"))
     assert found["approaches"] == len(played) >= 1
-    assert all(each["object_velocity"] > 0.0 and not each["stop"] for each in played)
-    assert 0.0 < found["age_median"] <= found["age_99"] <= found["age_most"]
+    assert found["object_velocity"] == pytest.approx(np.mean([each["object_velocity"] for each in played]))
+    assert (played[0]["stop"], 0.0 < found["age_median"] <= found["age_99"] <= found["age_most"]) == ({}, True)
     assert (
         f"mean {found['object_velocity']:.4f} m/s; environment: {found['environment']:.4f}" in capsys.readouterr().out
     )

@@ -10,18 +10,12 @@ from ctypes import CDLL, CFUNCTYPE, c_char, c_long, c_longlong, c_void_p, memmov
 from pathlib import Path
 
 SHIM = Path(__file__).with_name("simulated_loop.h")
-SLEEP, RECEIVE, DELIVER = (
-    CFUNCTYPE(c_longlong, c_longlong),
-    CFUNCTYPE(c_long, c_void_p, c_long),
-    CFUNCTYPE(None, c_void_p, c_long),
-)
+SLEEP, DELIVER = CFUNCTYPE(c_longlong, c_longlong), CFUNCTYPE(None, c_void_p, c_long)
+RECEIVE = CFUNCTYPE(c_long, c_void_p, c_long)
 
 
 class World:
-    """Time (s) that passes only while someone sleeps; meanwhile the calls that are due are made.
-
-    `overslept()` is the time (s) by which the next sleep is too long.
-    """
+    """Time (s) that passes only in `sleep`, which makes the calls that are due, and is `overslept()` s too long."""
 
     def __init__(self, overslept=lambda: 0.0):
         self.now, self.overslept, self._calls, self._numbers = 0.0, overslept, [], itertools.count()
@@ -42,16 +36,15 @@ class World:
 
 
 class Network:
-    """The arm's socket: `inbox` has (packet, peer) that have arrived, or errors; `controller(packet)` gets readings."""
+    """The arm's socket: `inbox` has (packet, peer) that have arrived; `controller(packet)` gets readings."""
 
     def __init__(self, controller):
         self.inbox, self.controller = [], controller
 
     def recvfrom(self, _size):
-        found = self.inbox.pop(0) if self.inbox else BlockingIOError()
-        if isinstance(found, OSError):
-            raise found
-        return found
+        if not self.inbox:
+            raise BlockingIOError
+        return self.inbox.pop(0)
 
     def sendto(self, packet, _peer):
         self.controller(packet)
@@ -74,10 +67,7 @@ class Program:
         return min(len(packet), room)
 
     def run(self, wake, priority=0):
-        """Run it from time 0 to its end; return its exit code, and what it printed and warned of.
-
-        `wake(until)` is called in each of its sleeps, and returns when the sleep ends (ns; None: at `until`).
-        """
+        """Run it to its end; return code, output, warnings. `wake(until)` gives the end of a sleep, None: until."""
         self.inbox.clear()
         self.sent.clear()
         sleep = SLEEP(lambda until: until if (end := wake(until)) is None else end)

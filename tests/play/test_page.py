@@ -16,7 +16,6 @@ from experiments.play.server import HEADERS, Site
 from experiments.play.tries import BUSY
 
 FILM = json.dumps({"html": "<p></p>", "slides": {"You": 0.1, "Your hand, brake on": 0.0009}}), "application/json"
-HIDDEN = "document.dispatchEvent(new Event('visibilitychange'))"
 
 
 class Faked:
@@ -56,7 +55,6 @@ class Faked:
         self.run(16)
 
     def end(self, **result):
-        """Let a try end with these results, as the server says it."""
         entry = {"name": "try 1", "setup": self.setup, "assist": "none", "delay": 0.2, "marks": [], "missed": 0.0,
                  "slide": 0.02, "done_time": 2.0, "object_velocity": 0.3} | result  # fmt: skip
         self.hear({"kind": "ended", "entry": entry})
@@ -83,13 +81,13 @@ def test_keys_move_the_stick_and_let_it_go(faked):
         faked.run(70)
         assert {*faked.said("v")} >= {value}
     keys.up("d")
-    for key, leaves in (("d", "window.dispatchEvent(new Event('blur'))"), ("a", HIDDEN)):
+    for key, leaves, name in (("d", "window", "blur"), ("a", "document", "visibilitychange")):
         faked.run(80)
         assert faked.said("v")[-1] == 0.0
         keys.down(key)
         faked.run(20)
         assert faked.said("v")[-1] == {"d": 0.8, "a": -0.8}[key]
-        faked.page.evaluate(leaves)
+        faked.page.evaluate(f"{leaves}.dispatchEvent(new Event('{name}'))")
     faked.run(20)
     assert faked.said("v")[-1] == 0.0
     keys.press(" ")
@@ -100,10 +98,8 @@ def test_keys_move_the_stick_and_let_it_go(faked):
 def test_pointer_sets_the_stick_at_its_place(faked, device):
     """0 is at a third of the width; both ends are reached 3 % before the edge."""
     page, box = faked.page, faked.page.locator("#stick").bounding_box()
-    touch = page.context.new_cdp_session(page)
-
-    def finger(kind, *points):
-        touch.send("Input.dispatchTouchEvent", {"type": f"touch{kind}", "touchPoints": [*points]})
+    send = page.context.new_cdp_session(page).send
+    finger = lambda kind, *at: send("Input.dispatchTouchEvent", {"type": f"touch{kind}", "touchPoints": at})  # noqa: E731
 
     for share, value in {
         1 / 3: 0.0, 0.358: 0.0, 0.36: 0.042, 0.65: 0.497, 0.96: 0.984, 0.97: 1.0, 0.999: 1.0, 0.309: -0.08, 0.322: 0.0,
@@ -154,25 +150,25 @@ def test_picture_moves_at_the_time_of_its_frames(faked, world):
 
 
 def test_levels_end_in_free_play_and_only_good_tries_count(faked, world):
-    page, (near, far) = faked.page, world.session.setups[faked.setup]["distance"]
+    press, (near, far) = faked.page.keyboard.press, world.session.setups[faked.setup]["distance"]
     ends = {"did not touch": {"missed": 1.0}, f"Does not count. T{BUSY[1:]}.": {"marks": [BUSY]}, "It slid 2": {}}
     for delay, seen, place in ((0, True, 0.15), (0.2, True, 0.85), (0.2, False, None)):
         for says, result in ends.items():
-            page.keyboard.press("Enter")
+            press("Enter")
             (begun,) = faked.said("begin")
             assert (begun["delay"], begun["seen"], begun["assist"]) == (delay, seen, "none")
             assert begun.get("distance") == (None if place is None else pytest.approx(near + place * (far - near)))
             faked.begin()
             faked.end(**result)
             assert says in faked.text("#answer")
-            page.keyboard.press("ArrowRight")
+            press("ArrowRight")
             assert faked.said("v") == []  # a key that was held too long begins no try
             faked.run(600)
     assert "free play" in faked.text("#rounds [aria-pressed=true]")
-    page.keyboard.press("b")  # the last level again, though the page is at the next
+    press("b")  # the last level again, though the page is at the next
     (begun,) = faked.said("begin")
     assert (begun["assist"], begun["delay"]) == ("brake", 0.2)
-    page.wait_for_selector("#answer .again:has-text('You: 10.0 cm. Your hand, brake on: 0.9 mm.')")
+    faked.page.wait_for_selector("#answer .again:has-text('You: 10.0 cm. Your hand, brake on: 0.9 mm.')")
 
 
 def test_chart_has_a_dot_for_each_try_that_counts(faked):

@@ -76,10 +76,9 @@ def talk(world, *messages, **how):
 
 INVALID = [
     ("rubbish", "a message must be JSON"), (b"\x00\xff", "JSON"), ("[" * 400, "JSON"), ("[1]", "must be a dict"),
-    ('{"v": NaN}', "v must be finite"), ('{"v": "1"}', "v must be a number"), ('{"v": 1.01}', "at most 1"),
-    ('{"begin": 3}', "begin must be a dict"), ('{"q": 1}', "must be one of"), ('{"v": 1, "done": 1}', "one key"),
-    ({"distance": 0.21}, "at most 0.2 m"), ({"delay": 9.0}, "at most 1 s"), ({"setup": "rigid"}, "setup must be one"),
-    ({"assist": "magic"}, "assist must be one of"), ({"slow": 0.5}, "slow must be finite and"), ({"seen": 1}, "seen"),
+    ('{"v": NaN}', "v must be finite"), ('{"v": 1.01}', "at most 1"), ('{"v": 1, "done": 1}', "one key"),
+    ('{"begin": 3}', "begin must be a dict"), ({"distance": 0.21}, "at most 0.2 m"), ({"seen": 1}, "seen"),
+    ({"delay": 9.0}, "at most 1 s"), ({"setup": "rigid"}, "setup must be one"), ({"slow": 0.5}, "at least 1"),
 ]  # fmt: skip
 
 
@@ -89,12 +88,9 @@ def test_message_that_makes_no_sense_ends_the_connection(world):
         assert (world.session.busy, world.clock.wanted.empty()) == (False, True)
 
 
-FLOOD = "more than 250 messages a second"
-
-
 @pytest.mark.parametrize(("why", "messages", "how"), [
     ("the page was closed", [{"v": 0.5}] * 3000, {"pause": 1.01 / RATE}), ("a message must have one key", [{}], {}),
-    (FLOOD, [{"v": 0.5}] * 3000, {"pause": 0.9 / RATE}), (FLOOD, [{"v": 0.5}] * 260, {}),
+    ("more than 250 messages a second", [{"v": 0.5}] * 3000, {"pause": 0.9 / RATE}),
     ("the server was stopped", [], {"gone": Close(1012, "")}),
 ])  # fmt: skip
 def test_player_who_leaves_or_floods_stops_the_arm(world, why, messages, how):
