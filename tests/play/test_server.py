@@ -99,7 +99,7 @@ def test_player_who_leaves_or_floods_stops_the_arm(world, why, messages, how):
     assert (stick.marks, stick.at(world.now), stick.stopped_at) == ([f"interrupted: {why}"], 0.0, world.now)
 
 
-def test_folder_has_one_server_and_files_that_are_no_tries_are_kept(world):
+def test_folder_has_one_server_and_keeps_files_that_are_no_tries(world):
     (world.folder / "b.json").write_text("{")
     good = try_files.write(world.folder / "good.json", pushed(lambda _: 0.5))
     (world.folder / "<b>.json").write_text(good.read_text())
@@ -122,7 +122,7 @@ def test_server_that_is_stopped_in_a_try_loses_nothing(how, exit_code, tmp_path)
         with pytest.raises(InvalidStatus, match="403"):
             connect(server.socket, origin="http://evil.example")
         page.send(json.dumps({"begin": choices(tmp_path / "near.toml")}))
-        for _ in range(30):
+        for _ in range(15):
             page.recv(timeout=60.0)
             page.send('{"v": 0.6}')
         code, said = server.end(how)

@@ -73,7 +73,7 @@ def test_stick_gives_the_command_at_any_moment():
     assert ([stick.at(moment) for moment in (1.15, 2.05, 2.1, 2.15)], stick.marks) == ([HOLD, 0.0, 0.2, 0.0], [])
 
 
-def test_settings_and_pushes_reach_the_arm_until_the_page_is_silent(world):
+def test_settings_and_pushes_reach_the_arm_until_a_silence(world):
     """A pause before the touch does not end a try; its end is kept unmarked."""
     page, (back, ahead) = Page(world), world.session.setups[str(world.setup)]["speeds"]
     shares = iter([0.5] * 10 + [-0.5] * 10)
