@@ -38,10 +38,6 @@ class Stick:
     stopped_at: float = math.inf  # s, from this moment on the command is 0
     marks: list[str] = field(default_factory=list)  # reasons for which the try was interrupted
 
-    def put(self, velocity: float, came: float) -> None:
-        """Add a velocity (m/s) with its time of arrival (s)."""
-        self.inputs.append((came, velocity))
-
     def stop(self, moment: float, why: str = "") -> None:
         """Set the command to 0 from `moment` (s) on. Only the first call records `why` the try was interrupted."""
         if why and self.stopped_at == math.inf:
@@ -80,7 +76,7 @@ class Clock:
     def hear(self, word: str, value: Any) -> None:
         """Handle a message of the server."""
         if word == "v":
-            self.stick.put(value, self.now())
+            self.stick.inputs.append((self.now(), value))
         elif word == "stop":
             self.stick.stop(self.now(), value)
         elif word == "touched":

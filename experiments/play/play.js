@@ -40,8 +40,7 @@ function steer(now) {
   const value = stick.value, gap = now - page.sentAt;
   if (value !== page.sent && gap >= LEAST || gap >= BEAT) {
     send({v: value});
-    page.sent = value;
-    page.sentAt = now;
+    Object.assign(page, {sent: value, sentAt: now});
   }
 }
 
@@ -140,17 +139,13 @@ function draw(now) {
   if (frame.still && !page.running && page.tries.length) stage.result(page.tries[page.tries.length - 1].slide);
 }
 
-async function fetched(where) {
-  const answer = await fetch(where);
-  if (!answer.ok) throw new Error(await answer.text());
-  return answer.json();
-}
-
 // Show the film of a try.
 async function film(name) {
   const number = ++page.film, box = part("film");
   try {
-    const {html: text, slides} = await fetched(`film/${encodeURIComponent(name)}`);
+    const answer = await fetch(`film/${encodeURIComponent(name)}`);
+    if (!answer.ok) throw new Error(await answer.text());
+    const {html: text, slides} = await answer.json();
     if (page.running || number !== page.film) return;
     box.innerHTML = text;
     box.prepend(html("h2", {}, null, "Your own hand again"));
@@ -171,12 +166,9 @@ function summarise(slides) {
   if (line) line.textContent = texts.join(" ");
 }
 
-function counted() {
-  return page.tries.filter((each) => !each.missed && !each.marks.length);
-}
-
 function result(entry) {
-  const box = part("answer"), best = Math.min(...counted().map((each) => each.slide));
+  const box = part("answer"), counted = page.tries.filter((each) => !each.missed && !each.marks.length);
+  const best = Math.min(...counted.map((each) => each.slide));
   box.hidden = false;
   box.replaceChildren();
   const headline = entry.missed ? "You did not touch it." : `It slid ${centimetres(entry.slide)}, done after ${entry.done_time.toFixed(1)} s.`;
@@ -209,16 +201,14 @@ function tabulate() {
 }
 
 function ready() {
-  part("go").disabled = !page.player || page.running;
-  part("help").disabled = part("go").disabled;
+  part("go").disabled = part("help").disabled = !page.player || page.running;
   part("end").disabled = !page.running;
 }
 
 const HEARD = {
   hello(message) {
-    page.hello = message;
-    page.tries = message.tries;
-    page.round = message.tries.length ? ROUNDS.length - 1 : 0;
+    const round = message.tries.length ? ROUNDS.length - 1 : 0;
+    Object.assign(page, {hello: message, tries: message.tries, round});
     Object.assign(set_up, message.setups[message.setup].usual, {assist: message.assist, slow: 1, seen: false});
     choose({setup: message.setup, ...ROUNDS[page.round].sets});
     tabulate();
@@ -235,9 +225,7 @@ const HEARD = {
     ready();
   },
   began(message) {
-    page.running = true;
-    page.asked = false;
-    page.frame = null;
+    Object.assign(page, {running: true, asked: false, frame: null});
     mode("playing", true);
     mode("touching", false);
     if (page.hello.setups[message.setup] && set_up.setup !== message.setup) choose({setup: message.setup});
@@ -280,8 +268,7 @@ const HEARD = {
 };
 
 function over() {
-  page.running = page.asked = false;
-  page.overAt = performance.now();
+  Object.assign(page, {running: false, asked: false, overAt: performance.now()});
   mode("playing", false);
   mode("touching", false);
   ready();
@@ -298,7 +285,6 @@ function connect() {
   socket.addEventListener("close", (event) => {
     page.player = false;
     over();
-    part("go").disabled = part("help").disabled = true;
     const retry = event.code !== 1012 && event.code !== 1006;
     banner(retry ? `The server closed the connection: ${event.reason || "no reason given"}.`
       : "The server has stopped; the tries that ended are kept. Start it again, then open the address that it prints.",

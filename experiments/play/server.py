@@ -150,8 +150,7 @@ async def _run(session: Session, listening: socket.socket, ready: Callable[[str]
     logging.getLogger("websockets").setLevel(logging.CRITICAL)
     running = await server.serve(
         site.serve_page, sock=listening, process_request=site.answer, server_header=None, compression=None,
-        max_size=MESSAGE_BYTES, open_timeout=FILM_LIMIT, close_timeout=1.0,
-        ping_interval=5.0, ping_timeout=10.0,
+        max_size=MESSAGE_BYTES, open_timeout=FILM_LIMIT, close_timeout=1.0, ping_interval=5.0, ping_timeout=10.0,
     )  # fmt: skip
     try:
         asyncio.get_running_loop().add_reader(session.pipe.fileno(), session.listen)

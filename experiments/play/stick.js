@@ -55,11 +55,9 @@ function stickOf(element, on) {
       actions[event.key]();
     }
   });
-  addEventListener("keyup", (event) => {
-    if (ways[event.key]) {
-      held[ways[event.key]] = false;
-      byKeys();
-    }
+  addEventListener("keyup", ({key}) => {
+    if (ways[key]) held[ways[key]] = false;
+    byKeys();
   });
   addEventListener("blur", letGo);
   document.addEventListener("visibilitychange", letGo);

@@ -181,11 +181,10 @@ class Live:
 def timed_right(this: Try, exact: Callable[[float], float]) -> bool:
     """Return whether late steps have left the result of a person's try as it is with exact times.
 
-    With exact times, no step waits for the computer: simulated time t (s) is `slow` * t after the begin of the try,
-    and the command at each control tick is what the person commanded at that moment, `exact(t)` (m/s); the
-    moments of all inputs are those of the try. A step that is late by less than a period does not change a command.
-    A longer delay interrupts the arm, but not the person. Then the try is played again with the exact commands. It
-    counts if it touches or misses as before, and if slide and duration change by at most AGREES.
+    With exact times, no step waits for the computer: simulated time t (s) is `slow` * t after the begin of the try, and
+    the command at a tick is what the person commanded at that moment, `exact(t)` (m/s). If a delay longer than a period
+    has changed a command, the try is played again with the exact ones. It counts if it touches or misses as before, and
+    if slide and duration change by at most AGREES.
     """
     given = this.operator
     if this.marks or all(map(operator.eq, map(exact, given["time"][1:]), given["velocity"][1:])):

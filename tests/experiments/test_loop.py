@@ -1,9 +1,7 @@
-"""The loop at 1 kHz: arm and controller stop at every fault, and V_p agrees with the environment.
-
-Arm and loop.c run in this process on simulated time, which is exact; one test runs them as programs that talk over UDP.
-"""
+"""The loop at 1 kHz on simulated time, which is exact; one test runs arm and loop.c as programs that talk over UDP."""
 
 import errno
+import itertools
 import json
 import os
 import shutil
@@ -11,11 +9,11 @@ import struct
 from math import inf, nan
 from pathlib import Path
 from types import SimpleNamespace
+from unittest import mock
 
 import numpy as np
 import pytest
 import simulated_time
-from refusal import refused
 from simulated_time import Network, Program, World
 
 from agents.export.c_header import c_text
@@ -38,10 +36,10 @@ def sent(sequence=5.0, stamp=10.0, velocity=1.0, acceleration=5.0, magic=MAGIC):
     return COMMAND.pack(magic, sequence, stamp, velocity, acceleration)
 
 
-def line_at(now, inbox, begun=9.95, last=4.0, peer="ours"):
-    """The arm's line at a time, in an approach that began at `begun` (s), after a packet with the number `last`."""
-    line = Line(TASK, Network(None), lambda: now)
-    line.begun, line.last, line.peer, line.connection.inbox = begun, last, peer, inbox
+def line_with(*inbox, begun=9.95, last=4.0, peer="ours"):
+    """The arm's line at 10 s, in an approach that began at `begun` (s), after a packet with the number `last`."""
+    line = Line(TASK, Network(None), lambda: 10.0)
+    line.begun, line.last, line.peer, line.connection.inbox = begun, last, peer, [*inbox]
     return line
 
 
@@ -52,43 +50,35 @@ def line_at(now, inbox, begun=9.95, last=4.0, peer="ours"):
     (sent(-1.0), "out of order"), (sent(stamp=10.0011), "in the future"), (sent(stamp=9.949), "stale"),
     (sent(velocity=1.51), "beyond -0.5 ... 1.5 m/s"), (sent(velocity=-0.51), "beyond -0.5 ... 1.5 m/s"),
     (sent(acceleration=20.1), "or 20 m/s^2"), (sent(acceleration=-0.1), "or 20 m/s^2"),
-    (sent(), ""), (sent(4.1, 10.0009, 1.5, 20.0), ""), (sent(stamp=9.95, velocity=-0.5, acceleration=0.0), ""),
 ])  # fmt: skip
 def test_wrong_packet_is_refused_with_its_reason(packet, reason):
-    line = line_at(10.0, [(packet, "ours"), ConnectionRefusedError()])
-    found = line.newest()
-    if reason:
-        assert (found, line.last, [*line.refused.values()]) == (None, 4.0, [1])
-        assert reason in next(iter(line.refused))
-    else:
-        assert (MAGIC, line.last, *found) == COMMAND.unpack(packet)
+    line = line_with((packet, "ours"))
+    assert (line.newest(), line.last, [*line.refused.values()]) == (None, 4.0, [1])
+    assert reason in next(iter(line.refused))
 
 
-def test_stamp_is_stale_after_0_1_s_or_before_the_approach():
-    for begun, oldest in ((5.0, SILENCE), (9.95, 0.05)):
-        for age in (0.0, 0.049, 0.051, 0.099, 0.101):
-            line = line_at(10.0, [(sent(stamp=10.0 - age), "ours")], begun)
-            assert (line.newest() is None) == (age > oldest)
-
-
-def test_first_valid_packet_decides_who_steers():
-    line = line_at(10.0, [(b"?", "other"), (sent(0.0, 0.0), "ours"), (sent(1.0), "other")], last=-1.0, peer=None)
+def test_newest_valid_packet_of_the_first_sender_counts():
+    for packet in (sent(4.1, 10.0009, 1.5, 20.0), sent(stamp=9.951, velocity=-0.5, acceleration=0.0)):
+        assert COMMAND.unpack(packet)[2:] == line_with((packet, "ours")).newest()
+    for age in (0.099, 0.101):  # s; the approach began long ago
+        assert (line_with((sent(stamp=10.0 - age), "ours"), begun=5.0).newest() is None) == (age > SILENCE)
+    line = line_with((b"?", "other"), (sent(0.0, 0.0), "ours"), (sent(1.0), "other"), last=-1.0, peer=None)
     assert (line.newest(), line.peer, line.last) == (None, "ours", 0.0)
     assert line.refused == {"from another address": 1, "of a wrong size or kind: 1 bytes, not 40": 1}
-    line.connection.inbox = [(sent(number, 10.0, 0.1 * number), "ours") for number in (1.0, 3.0, 2.0)]
-    assert line.newest() == (10.0, pytest.approx(0.3), 5.0)  # the newest counts
+    line.connection.inbox = [(sent(number, velocity=0.1 * number), "ours") for number in (1.0, 3.0, 2.0)]
+    assert (line.newest(), line.last) == ((10.0, pytest.approx(0.3), 5.0), 3.0)
+
+
+def stamped(packet, stamp):
+    return packet[:16] + struct.pack("d", stamp) + packet[24:]
 
 
 class Hand:
-    """Steers an arm at 1 m/s ahead by an answer to each reading, which arrives after a delay (s).
+    """Steers an arm at 1 m/s ahead; `answers(reading, packet)` are the packets that come after a reading."""
 
-    `answers(reading, packet)` are the packets that come instead of `packet`, each with its sender's address.
-    """
-
-    def __init__(self, answers=None, delay=0.0, overslept=lambda: 0.0, seconds=60.0):
+    def __init__(self, answers=lambda reading, packet: [(packet, "ours")], overslept=lambda: 0.0, seconds=60.0):
         self.world, self.network, self.readings = World(overslept), Network(self.answer), []
-        self.answers, self.delay = answers or (lambda reading, packet: [(packet, "ours")]), delay
-        self.network.inbox.append((sent(0.0, 0.0, 0.0), "ours"))
+        self.answers, self.network.inbox = answers, [(sent(0.0, 0.0, 0.0), "ours")]
         line = Line(SHORT, self.network, self.world.time, self.world.sleep)
         self.played = arm.play(line, Batch(1, SHORT, threads=1), command.SEED, 2.0, seconds)
 
@@ -96,73 +86,47 @@ class Hand:
         magic, sequence, stamp, approach, weight, time, _, velocity, *_ = READING.unpack(packet)
         assert (magic, sequence, stamp, weight) == (MAGIC, len(self.readings) + 1, self.world.now, 2.0)
         self.readings.append(SimpleNamespace(stamp=stamp, approach=approach, time=time, velocity=velocity))
-        for answer in self.answers(self.readings[-1], sent(sequence, stamp)):
-            self.world.call_at(self.world.now + self.delay, self.network.inbox.append, answer)
+        self.network.inbox += self.answers(self.readings[-1], sent(sequence, stamp))
 
 
-FAULTS = {
-    "none": lambda packet, stamp: [], "from another address": lambda packet, stamp: [(packet, "other")],
-    "stale": lambda packet, stamp: [(packet[:16] + struct.pack("d", stamp - 0.11) + packet[24:], "ours")],
-}  # fmt: skip
+@pytest.mark.parametrize(("reason", "since"), [("none", 0.1), ("stale", 0.0), ("from another address", 0.1)])
+def test_arm_stops_0_1_s_after_the_last_good_packet(reason, since, capsys):
+    """In the second approach. Stale: stamped in the first. What comes after the stop is ignored."""
 
-
-@pytest.mark.parametrize(("reason", "approach"), [("none", 0), ("stale", 1), ("from another address", 1)])
-def test_arm_stops_0_1_s_after_the_last_good_packet(reason, approach, capsys):
     def answers(reading, packet):
-        if reading.approach < approach:
-            return [(packet, "ours"), (packet, "other")]
-        good = not 0.1 <= reading.time < 0.27  # what comes after the stop is ignored
-        return [(packet, "ours")] if good else FAULTS[reason](packet, reading.stamp)
+        if reading.approach < 1 or not since <= reading.time < since + 0.17:
+            return [(packet, "ours")]
+        old = stamped(packet, reading.stamp - reading.time - 2 * PERIOD)
+        return {"none": [], "stale": [(old, "ours")], "from another address": [(packet, "other")]}[reason]
 
     hand = Hand(answers)
-    assert [bool(each["stop"]) for each in hand.played] == [False] * approach + [True]
-    stop, begun = hand.played[-1]["stop"], next(each.stamp for each in hand.readings if each.approach == approach)
-    assert stop["at"] - begun == pytest.approx(0.1 + SILENCE + PERIOD, abs=PERIOD)
-    assert stop["velocity"] == pytest.approx(1.0, abs=0.01)
+    assert [bool(each["stop"]) for each in hand.played] == [False, True]
+    stop, begun = hand.played[-1]["stop"], next(each.stamp for each in hand.readings if each.approach == 1)
+    assert stop["at"] - begun == pytest.approx(since + SILENCE + PERIOD, abs=PERIOD)
+    assert stop["velocity"] == pytest.approx(1.0 if since else 0.0, abs=0.01)
     assert stop["rest"] - stop["at"] == pytest.approx(stop["velocity"] / 20.0, abs=2 * PERIOD)
     assert f"arm: stopped, no valid packet for 0.1 s: {stop['packets']}\n" == capsys.readouterr().out
     assert reason in stop["packets"]
     assert (hand.readings[-1].time > 0.29, hand.readings[-1].velocity) == (True, 0.0)
-    assert stop["packets"].split()[0] in ("none", "100", "101")  # of this approach
 
 
-def test_command_of_the_approach_before_is_refused_at_the_next():
-    stamps = []
-
-    def answers(reading, packet):
-        stamps.append(reading.stamp)
-        late = reading.approach == 1 and reading.time < 0.01
-        return [(packet[:16] + struct.pack("d", stamps[-12]) + packet[24:] if late else packet, "ours")]
-
-    _, second = Hand(answers, seconds=0.31).played
-    assert second["ages"][:9] == pytest.approx([k * PERIOD for k in range(1, 10)])  # since the approach began
-
-
-@pytest.mark.parametrize(("delay", "age"), [(0.0, 1e-3), (0.0104, 11e-3)])
-def test_age_is_from_a_reading_to_the_use_of_its_command(delay, age):
-    """A wake-up that comes late delays no later one, and makes an age longer by no more than this."""
-    naps = iter(range(10**6))
-    hand = Hand(delay=delay, overslept=lambda: 4e-4 * (next(naps) % 5 == 3), seconds=0.1)
-    ages, late = np.array(hand.played[0]["ages"])[20:], np.array([each.stamp - each.time for each in hand.readings])
-    assert {*np.round(1e6 * ages)} == {1e6 * age - 400, 1e6 * age, 1e6 * age + 400}
+def test_late_wake_up_of_the_arm_delays_no_later_one():
+    wake_ups = itertools.count()
+    hand = Hand(overslept=lambda: 4e-4 * (next(wake_ups) % 5 == 3), seconds=0.1)
+    late = np.array([each.stamp - each.time for each in hand.readings])
+    assert {*np.round(1e6 * np.array(hand.played[0]["ages"]))} == {600, 1000, 1400}  # microseconds
     assert {*np.round(1e6 * (late - late[0]))} == {0, 400}
 
 
 def test_arm_waits_10_s_for_a_controller(tmp_path, monkeypatch):
-    """In vain, and without permission for real-time priority."""
-    world, asked, ports, out = World(), [], [], tmp_path / "arm.json"
-    line = Line(SHORT, Network(None), world.time, world.sleep)
-    assert arm.play(line, Batch(1, SHORT, threads=1), 0, 2.0, 60.0) == []
-    assert world.now == pytest.approx(arm.WAIT, abs=2 * PERIOD)
-
-    def refuse(*priority):
-        asked.append(priority)
-        raise PermissionError
-
-    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    """In vain; and in real time, without permission for real-time priority, not at all."""
+    world, task = World(), SUBJECT.task.arguments()
+    assert arm.play(Line(SHORT, Network(None), world.time, world.sleep), None, 0, 2.0, 60.0) == []
+    assert world.now == pytest.approx(10.0, abs=2 * PERIOD)
+    monkeypatch.setattr(os, "sched_setscheduler", mock.Mock(side_effect=PermissionError))
     monkeypatch.setattr(arm, "WAIT", 0.0)
-    arm.serve(SUBJECT.task.arguments(), 2.0, 0, 1.0, out, SimpleNamespace(send=ports.append), SILENCE)
-    assert (len(asked), len(ports), json.loads(out.read_text())) == (1, 1, [])
+    arm.serve(task, 2.0, 0, 1.0, tmp_path / "arm.json", mock.Mock(), SILENCE)
+    assert (os.sched_setscheduler.called, json.loads((tmp_path / "arm.json").read_text())) == (True, [])
 
 
 @pytest.fixture(scope="module")
@@ -174,49 +138,42 @@ def probe(tmp_path_factory):
     return Program(folder / "loop.c")
 
 
-def steps(probe, readings):
-    """Let loop.c read (approach, ms, alarm) or a packet in each period; return `run`'s results, and its commands."""
-    waiting = iter([*enumerate(readings, 1), (len(readings) + 1, (-1, 0, 0))])
+def reading(number, approach, ms, alarm=0.0):
+    return PROBED.pack(MAGIC, number, 50.0 + number, approach, 2.0 + approach, 1e-3 * ms, alarm)
 
-    def wake(until):
-        number, reading = next(waiting)
-        if isinstance(reading, tuple):
-            approach, time, alarm = reading
-            reading = PROBED.pack(MAGIC, number, 50.0 + number, approach, 2.0 + approach, 1e-3 * time, alarm)
-        probe.inbox.append(reading)
 
-    return probe.run(wake), [COMMAND.unpack(packet) for packet in probe.sent]
+def steps(probe, packets):
+    """Let loop.c receive a packet or an error in each period, then the end; return results and commands."""
+    waiting = iter([*packets, reading(1e6, -1, 0)])
+    return probe.run(lambda until: probe.inbox.append(next(waiting))), [COMMAND.unpack(each) for each in probe.sent]
 
 
 def test_controller_is_called_each_16_ms_and_at_each_alarm(probe):
     """Also in the second approach; a lost packet moves no later call, and a call repeats the stamp of its reading."""
     first = [(0, time, time >= 53) for time in range(72) if time not in (15, 16, 17)]
-    second = [(1, time, time >= 5) for time in range(40)]
-    (code, printed, warned), commands = steps(probe, first + second)
+    both = first + [(1, time, time >= 5) for time in range(40)]
+    (code, printed, warned), commands = steps(probe, [reading(number, *each) for number, each in enumerate(both, 1)])
     assert (code, warned, json.loads(printed)["calls"]) == (0, "", 10)
     called = [(0, 0), (0, 18), (0, 32), (0, 48), (0, 53), (0, 69), (1, 0), (1, 5), (1, 21), (1, 37)]
-    numbers = [number % 6 + 1 for number in range(6)] + [1, 2, 3, 4]
     expected = []
-    for approach, time, _ in first + second:
-        number = max(k for k, call in enumerate(called) if call <= (approach, time))
-        expected.append((1e-3 * called[number][1], 100.0 * (2 + approach) + numbers[number]))
-    assert [each[3:] for each in commands] == expected
-    assert [each[:3] for each in commands] == [(MAGIC, k, 50.0 + k) for k in range(1, len(expected) + 1)]
+    for number, (approach, time, _) in enumerate(both, 1):
+        call = max(each for each in called if each <= (approach, time))
+        since = called.index(call) - called.index((approach, 0)) + 1  # calls in this approach
+        expected.append((MAGIC, number, 50.0 + number, 1e-3 * call[1], 100.0 * (2 + approach) + since))
+    assert commands == expected
 
 
-GOOD = [PROBED.pack(MAGIC, number, 1.0, 0.0, 2.0, 1e-3 * number, 0.0) for number in range(1, 210)]
-STALE = {
+GOOD = [reading(number, 0, number) for number in range(1, 210)]
+BAD = {
     "none": lambda packet: errno.EAGAIN, "no arm receives": lambda packet: errno.ECONNREFUSED,
-    "no connection": lambda packet: errno.ENOTCONN, "too short": lambda packet: packet[:-1],
-    "too long": lambda packet: packet + b"0", "of another kind": lambda packet: b"IGLOOP99" + packet[8:],
-    "out of order": lambda packet: GOOD[8], "infinite stamp": lambda packet: PROBED.pack(MAGIC, 999, inf, 0, 2, 0.1, 0),
-    "NaN as number": lambda packet: PROBED.pack(MAGIC, nan, 1.0, 0, 2, 0.1, 0),
+    "too short": lambda packet: packet[:-1], "too long": lambda packet: packet + b"0",
+    "out of order": lambda packet: GOOD[8], "infinite stamp": lambda packet: stamped(packet, inf),
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("fault", STALE)
+@pytest.mark.parametrize("fault", BAD)
 def test_controller_stops_0_1_s_after_the_last_good_packet(probe, fault):
-    (code, printed, warned), commands = steps(probe, GOOD[:9] + [STALE[fault](packet) for packet in GOOD[9:]])
+    (code, printed, warned), commands = steps(probe, GOOD[:9] + [BAD[fault](packet) for packet in GOOD[9:]])
     assert (code, warned, len(commands)) == (3, SAID, 9 + 100)
     assert json.loads(printed)["refused"] == (0 if fault.startswith("no") else 101)
 
@@ -225,34 +182,19 @@ def test_controller_greets_for_10_s(probe):
     (code, printed, warned), commands = steps(probe, [errno.EAGAIN] * 10**5)
     assert (code, printed, warned) == (3, "", SAID)
     assert commands == [(MAGIC, 0.0, 0.0, 0.0, 20.0)] * 10000
-    assert probe.run(lambda until: None, port="0")[0] == 2
 
 
 def test_controller_keeps_its_schedule_and_says_its_errors(probe):
-    naps, asked = {10: 300_000, 20: 3_500_000}, []  # ns, by wake-up
-
     def wake(until):
         asked.append(until)
         number = len(asked)
-        probe.inbox.append(PROBED.pack(MAGIC, number, 1.0, -(number > 40), 2.0, 1e-3 * number, 0.0))
-        return until + naps.get(number, 0)
+        probe.inbox.append(reading(number, -(number > 40), number))
+        return until + {10: 300_000, 20: 3_500_000}.get(number, 0)  # ns
 
-    _, printed, _ = probe.run(wake, priority=-1)
-    assert [until // 10**6 for until in asked] == [*range(1, 21), *range(24, 45)]
-    assert {until % 10**6 for until in asked} == {0}
-    measured = json.loads(printed)
-    assert measured == {"periods": 40, "calls": 3, "missed": 3, "refused": 0, "real_time": False, "error_median": 0.0,
-                        "error_99": 0.0035, "error_most": 0.0035}  # fmt: skip
-
-
-@pytest.mark.parametrize("change", [
-    {"range_sensor": {"noise": 0.0, "share": 0.0, "bias": 0.0, "dropout": 0.0, "delay": 0.0}}, {"past_readings": 2},
-    {"operator": {"type": "Reach", "place_error": 0.0, "creep": 0.1}, "friction": 0.3}, {"alarm": "reading"},
-], ids=str)  # fmt: skip
-def test_controller_that_needs_more_than_the_arm_has_is_refused(change, tmp_path):
-    wants = SimpleNamespace(task=TASK.changed(change))
-    refused(lambda: command.compiled(wants, "mine", tmp_path), "mine", "an alarm from readings")
-    assert not [*tmp_path.iterdir()]
+    asked, expected = [], {"periods": 40, "calls": 3, "missed": 3, "refused": 0, "real_time": False}
+    expected |= {"error_median": 0.0, "error_99": 0.0035, "error_most": 0.0035}
+    assert json.loads(probe.run(wake, priority=-1)[1]) == expected
+    assert asked == [10**6 * until for until in (*range(1, 21), *range(24, 45))]
 
 
 def test_loop_has_the_object_velocity_of_the_environment(tmp_path):
@@ -264,15 +206,11 @@ def test_loop_has_the_object_velocity_of_the_environment(tmp_path):
     line.send(-1, 2.0, batch.sensors())
     world.sleep(0.002)
     ((code, printed, warned),) = results
-    assert (code, warned) == (0, "")
     found = command.measured(SUBJECT, 2.0, played) | json.loads(printed)
-    velocities = [each["object_velocity"] for each in played]
-    assert found["approaches"] == len(velocities) > 3
-    assert found["object_velocity"] == pytest.approx(np.mean(velocities))
+    assert (code, warned, found["missed"], found["refused"]) == (0, "", 0, 0)
+    assert found["approaches"] == len(played) > 3
     assert found["object_velocity"] == pytest.approx(found["environment"], rel=0.01)
     assert found["age_median"] == pytest.approx(found["age_99"]) == pytest.approx(PERIOD)
-    assert found["age_most"] <= 2.001 * PERIOD
-    assert (found["missed"], found["refused"], {str(each["stop"]) for each in played}) == (0, 0, {"{}"})
 
 
 def test_arm_and_controller_talk_over_udp(tmp_path, monkeypatch, capsys):
@@ -281,10 +219,8 @@ def test_arm_and_controller_talk_over_udp(tmp_path, monkeypatch, capsys):
     command.run(command.Loop("linear-blind", tmp_path, seconds=0.1))
     found, played = (json.loads((tmp_path / name).read_text()) for name in ("loop.json", "arm.json"))
     assert found["approaches"] == len(played) >= 1
-    assert all(each["object_velocity"] > 0.0 and not each["stop"] for each in played)
     assert found["object_velocity"] == pytest.approx(np.mean([each["object_velocity"] for each in played]))
-    assert 0.0 < found["age_median"] <= found["age_99"] <= found["age_most"]
-    assert found["periods"] >= found["calls"] > len(played)
-    printed = capsys.readouterr().out
-    assert f"{found['periods']:,} periods of 1 ms" in printed
-    assert f"mean {found['object_velocity']:.4f} m/s; environment: {found['environment']:.4f} m/s" in printed
+    assert (played[0]["stop"], 0.0 < found["age_median"] <= found["age_99"] <= found["age_most"]) == ({}, True)
+    assert (
+        f"mean {found['object_velocity']:.4f} m/s; environment: {found['environment']:.4f}" in capsys.readouterr().out
+    )

@@ -8,10 +8,7 @@ import pytest
 
 
 def text_of_a_page_that_stands_on_its_own(folder, figures):
-    """Check that the page in a folder embeds its figures and links only to files that exist.
-
-    Return its text, with subscripts and powers as V_p and m^1.5.
-    """
+    """Check that it embeds its figures and links only to files that exist; return it with V_p and m^1.5."""
     text = (folder / "index.html").read_text()
     assert len(re.findall("data:image/svg", text)) == figures
     assert not re.search(r"""(src|href)=["'](https?:|//)""", text)
@@ -34,10 +31,7 @@ def chromium():
 
 
 def opened(browser, file, width=1280, height=900, own=("file:", "data:"), **options):
-    """Return a page that shows a file or an address, and the list of its messages, errors and requests.
-
-    Requests to addresses that begin with a text of `own` are not in the list.
-    """
+    """Return a page at a file or an address, and its messages, errors, and requests to others than `own` (starts)."""
     page, problems = browser.new_context(viewport={"width": width, "height": height}, **options).new_page(), []
     page.on("console", lambda message: problems.append(f"{message.type}: {message.text}"))
     page.on("pageerror", lambda error: problems.append(str(error)))
@@ -48,10 +42,9 @@ def opened(browser, file, width=1280, height=900, own=("file:", "data:"), **opti
 
 
 def stands_on_its_own(browser, file, width=1280):
-    """Check what holds for every page; return the page in a window of this width, with all folds open.
+    """Check what holds for every page; return it in a window of this width, with all folds open.
 
-    The page opens from disk and loads nothing from other servers; no script fails; targets of links exist; pictures
-    and controls have names; nothing is wider than the window.
+    Nothing comes from other servers, no script fails, links have targets, pictures and controls names; all fits.
     """
     page, problems = opened(browser, file, width)
     page.evaluate("document.querySelectorAll('details').forEach(fold => { fold.open = true; })")
@@ -61,13 +54,8 @@ def stands_on_its_own(browser, file, width=1280):
         assert (file.parent / name).exists(), link
         assert name or page.evaluate("key => document.getElementById(key) !== null", key), link
     parts = "a[href], button, select, input, summary, img, slow-motion, [role=img]:not(svg *), [role=region]"
-    nameless = page.evaluate(
-        """parts => [...document.querySelectorAll(parts)]
-        .filter(part => !(part.ariaLabel || part.alt || part.labels?.[0]?.textContent || part.textContent).trim())
-        .map(part => part.outerHTML)""",
-        parts,
-    )
-    assert nameless == []
+    named = "part => (part.ariaLabel || part.alt || part.labels?.[0]?.textContent || part.textContent).trim()"
+    assert page.evaluate(f"[...document.querySelectorAll('{parts}')].filter(part => !({named})(part)).length") == 0
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     assert problems == []
     return page

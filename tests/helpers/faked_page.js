@@ -4,15 +4,11 @@ window.fake = {
   hear: (messages) => messages.forEach((each) =>
     fake.sockets.at(-1).dispatchEvent(new MessageEvent("message", {data: JSON.stringify(each)}))),
   said: () => fake.sockets.at(-1).sent.splice(0),
-  close: (how) => fake.sockets.at(-1).dispatchEvent(new CloseEvent("close", how)),
   number: ([selector, name]) => Number(document.querySelector(selector).getAttribute(name)),
   all: ([selector, ...names]) => [...document.querySelectorAll(selector)]
     .map((each) => [each.textContent, ...names.map((name) => Number(each.getAttribute(name)))]),
   pick: ([name, text]) => [...document.querySelectorAll(`[data-set=${name}]`)].find((each) => each.textContent === text).click(),
-  pad: (axis, second) => {
-    const button = (pressed) => ({pressed});
-    navigator.getGamepads = () => [null, {axes: [axis, 0], buttons: [button(false), button(second)]}];
-  },
+  pad: (axis) => { navigator.getGamepads = () => [null, {axes: [axis, 0], buttons: []}]; },
   // Return now, and keep the time of each picture from now on in `fake.drawn`, ms.
   watch: () => {
     const note = () => { fake.drawn = performance.now(); requestAnimationFrame(note); };

@@ -1,21 +1,14 @@
 """Pages and their server: in this process on simulated time, and as a process of its own."""
 
-import json
 import os
-import re
-import signal
 import subprocess
 import sys
-import time
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-import pytest
 import tomli_w
 from simulated_time import World
-from websockets.exceptions import ConnectionClosed
-from websockets.sync.client import connect
 
 from agents.setups import load_setup
 from experiments.play import try_files
@@ -25,18 +18,18 @@ from experiments.play.session import Session
 from experiments.play.tries import Live, Try
 from impact_gym.files import write_file
 
-ROOT = Path(__file__).parents[2]
 SETUP = "teleop-spring"
+SERVE = """
+import os, runpy
+def refuse(*priority): raise PermissionError  # as on a machine that gives no real-time priority
+os.sched_setscheduler = refuse
+runpy.run_module("experiments.play", run_name="__main__")
+"""
 
 
-def wanted(assist="none", seed=1, setup=SETUP, slow=1.0, **sliders):
-    """A try before it is played, with the usual values of all other sliders."""
-    return Try(setup, assist, seed, record_of(usual(load_setup(setup)) | sliders), slow=slow)
-
-
-def pushed(velocity, after=4, **asked):
+def pushed(velocity, after=4, assist="none", seed=1, setup=SETUP, **sliders):
     """A try by a person who commands velocity(time) and releases the stick some steps after the touch."""
-    live, touched = Live(wanted(**asked)), 0
+    live, touched = Live(Try(setup, assist, seed, record_of(usual(load_setup(setup)) | sliders))), 0
     while not live.ended:
         touched += bool(live.batch.bodies().touched[0])
         live.step(velocity(live.time) if touched <= after else 0.0)
@@ -56,20 +49,16 @@ def choices(setup, **chosen):
 
 
 class Simulated(World):
-    """A session and its clock in this process, on simulated time.
+    """A session and its clock in this process, on simulated time, and both ends of their connection."""
 
-    `sent` has the clock's messages and when it sent them. A try is steered by `steer(frame)`, called with each frame
-    as its page gets it.
-    """
-
-    def __init__(self, folder, setup=None):
+    def __init__(self, folder):
         super().__init__()
-        self.setup, self.folder, self.sent = setup or near_setup(folder), folder / "tries", []
+        self.setup, self.folder = near_setup(folder), folder / "tries"
+        self.sent = []  # messages of the clock, and when it sent them
         self.clock = Clock(self, self.time, self.sleep)
         self.session = Session(load_setup(self.setup), "none", self.folder, lambda: (self, lambda seconds: None))
 
     def send(self, message):
-        """Send a message over the connection of session and clock, of which this object is both ends."""
         if isinstance(message, tuple):
             self.clock.hear(*message)
         else:
@@ -80,7 +69,7 @@ class Simulated(World):
         """Nothing is to be closed."""
 
     def play(self, page, steer=lambda frame: None, seed=1, **chosen):
-        """Let a page begin a try and steer it; return the try, or what is said instead."""
+        """Let a page begin a try, and `steer(frame)` it at each frame that it gets; return the try or its failure."""
         page.steer = steer
         self.sent.clear()
         page.say(begin=choices(self.setup, **chosen))
@@ -91,7 +80,7 @@ class Simulated(World):
 
 
 class Page:
-    """A page of a simulated session, without a browser; it keeps what it gets and when."""
+    """A page of a simulated session, without a browser."""
 
     def __init__(self, world):
         self.world, self.messages, self.steer = world, [], lambda frame: None
@@ -108,74 +97,32 @@ class Page:
     def got(self, kind):
         return [message for message in self.messages if message["kind"] == kind]
 
-    def push(self, frame, velocity=0.6):
+    def push(self, frame):
         """Push until the touch is seen."""
-        self.say(v=0.0 if frame["touched"] else velocity)
+        self.say(v=0.0 if frame["touched"] else 0.6)
 
 
 class Served:
-    """A running server: its address and its process."""
+    """A running server, its clock's process included: where it is, and how to end it."""
 
-    def __init__(self, process, setup, folder):
-        self.process, self.setup, self.folder = process, setup, folder
-        self.address = process.stdout.readline().strip()
-        assert self.address.startswith("http://"), self.address + process.stdout.read()
-        self.origin, self.path = re.fullmatch("(http://[^/]+)(.*)", self.address).groups()
+    def __init__(self, process):
+        self.process, self.address = process, process.stdout.readline().strip()
+        self.socket, self.origin = self.address.replace("http", "ws") + "ws", self.address.rsplit("/", 2)[0]
 
-    def connect(self, **options):
-        where = self.address.replace("http", "ws") + "ws"
-        return connect(where, **{"origin": self.origin, "compression": None, "close_timeout": 0.3, **options})
-
-    def tries(self, count=0):
-        """Wait until there are `count` tries; return all."""
-        while len(found := [this for _, this in try_files.folder_of(self.folder)]) < count:
-            time.sleep(0.05)
-        return found
-
-    def end(self, how=signal.SIGINT):
-        """End the server; return its exit code and what it and its clock print until both have ended."""
+    def end(self, how):
+        """End the server with a signal; return its exit code and what it and its clock print until both have ended."""
         self.process.send_signal(how)
-        out, _ = self.process.communicate(timeout=30)
+        out, _ = self.process.communicate(timeout=60)
         return self.process.returncode, out
-
-    def push(self, page, frames):
-        """Begin a try, and push for some frames."""
-        say(page, begin=choices(self.setup))
-        for _ in range(frames):
-            heard(page, "frame")
-            say(page, v=0.6)
 
 
 @contextmanager
-def served(folder, setup=None):
-    """Serve the page with a folder of tries, at a free port; by default with a near set-up."""
-    setup = setup or near_setup(folder.with_name(folder.name + "-setup"))
-    line = [sys.executable, "-m", "experiments.play", str(setup), "--port=0", "--no-open", f"--out={folder}"]
-    with subprocess.Popen(
-        line, cwd=folder.parent, env=os.environ | {"PYTHONPATH": str(ROOT)}, text=True,
-        start_new_session=True,  # so that the whole process group may be killed
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-    ) as process:  # fmt: skip
+def served(setup, folder):
+    """Serve the page with a folder of tries, at a free port."""
+    line = [sys.executable, "-c", SERVE, str(setup), "--port=0", "--no-open", f"--out={folder}"]
+    own = {"cwd": folder, "env": os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}, "text": True}
+    with subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, **own) as process:
         try:
-            yield Served(process, setup, folder)
+            yield Served(process)
         finally:
             process.kill()
-
-
-def heard(page, kind, **having):
-    """The next message of a kind with these values."""
-    while True:
-        message = json.loads(page.recv(timeout=20.0))
-        if message["kind"] == kind and having.items() <= message.items():
-            return message
-
-
-def say(page, **message):
-    page.send(json.dumps(message))
-
-
-def closed(page):
-    """The code and the reason with which the server closes a connection."""
-    with pytest.raises(ConnectionClosed) as gone:
-        list(iter(lambda: page.recv(timeout=10.0), None))
-    return gone.value.rcvd.code, gone.value.rcvd.reason

@@ -11,15 +11,23 @@
 #include <time.h>
 #include <unistd.h>
 
-long long (*sleep_until)(long long);      /* ns; returns the time at which the sleep ends */
-long (*receive)(void *bytes, long size);  /* returns the size of a packet, or -errno */
-void (*deliver)(const void *bytes, long size);
-int priority_result;
-char printed[1000], warned[1000];
+static long long (*sleep_until)(long long);      /* ns; returns the time at which the sleep ends */
+static long (*receive)(void *bytes, long size);  /* returns the size of a packet, or -errno */
+static void (*deliver)(const void *bytes, long size);
+static int priority_result;
 static long long simulated_now;
+char printed[1000], warned[1000];
 
 int loop_main(int count, char **words);
-void loop_begin(void) { simulated_now = printed[0] = warned[0] = 0; }
+
+/* Runs the program from time 0 with these functions and this result of sched_setscheduler; returns its exit code. */
+int loop_run(long long (*sleeps)(long long), long (*receives)(void *, long), void (*delivers)(const void *, long), int priority)
+{
+    char *words[] = { "loop", "1" };
+    sleep_until = sleeps, receive = receives, deliver = delivers, priority_result = priority;
+    simulated_now = printed[0] = warned[0] = 0;
+    return loop_main(2, words);
+}
 
 static int simulated_clock(struct timespec *now)
 {

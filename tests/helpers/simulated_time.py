@@ -1,21 +1,21 @@
 """Simulated time, and the loop's two sides on it: no test that uses them waits or depends on the machine."""
 
-import ctypes
 import errno
 import heapq
 import itertools
+import queue
 import subprocess
 import threading
+from ctypes import CDLL, CFUNCTYPE, c_char, c_long, c_longlong, c_void_p, memmove, string_at
 from pathlib import Path
 
 SHIM = Path(__file__).with_name("simulated_loop.h")
+SLEEP, DELIVER = CFUNCTYPE(c_longlong, c_longlong), CFUNCTYPE(None, c_void_p, c_long)
+RECEIVE = CFUNCTYPE(c_long, c_void_p, c_long)
 
 
 class World:
-    """Time (s) that passes only while someone sleeps; meanwhile the calls that are due are made.
-
-    `overslept()` is the time (s) by which the next sleep is too long.
-    """
+    """Time (s) that passes only in `sleep`, which makes the calls that are due, and is `overslept()` s too long."""
 
     def __init__(self, overslept=lambda: 0.0):
         self.now, self.overslept, self._calls, self._numbers = 0.0, overslept, [], itertools.count()
@@ -36,88 +36,64 @@ class World:
 
 
 class Network:
-    """The arm's socket: `inbox` has (packet, peer) that have arrived, or errors; `controller(packet)` gets readings."""
+    """The arm's socket: `inbox` has (packet, peer) that have arrived; `controller(packet)` gets readings."""
 
     def __init__(self, controller):
         self.inbox, self.controller = [], controller
 
     def recvfrom(self, _size):
-        found = self.inbox.pop(0) if self.inbox else BlockingIOError()
-        if isinstance(found, OSError):
-            raise found
-        return found
+        if not self.inbox:
+            raise BlockingIOError
+        return self.inbox.pop(0)
 
     def sendto(self, packet, _peer):
         self.controller(packet)
 
 
 class Program:
-    """loop.c in this process: `run(wake)` runs it; `wake(until)` is called in each of its sleeps.
-
-    `until` and the time that `wake` returns (None: `until`) are in ns. The program receives what is in `inbox`, packets
-    or numbers of errors; what it sends comes into `sent`.
-    """
+    """loop.c in this process. It receives what is in `inbox`, packets or numbers of errors, and sends into `sent`."""
 
     def __init__(self, source):
         library = source.with_suffix(".so")
         flags = ["-std=c99", "-O1", "-w", "-shared", "-fPIC", "-include", str(SHIM)]
         subprocess.run(["cc", *flags, str(source), "-lm", "-o", str(library)], check=True)
-        self._library, self.inbox, self.sent = ctypes.CDLL(str(library)), [], []
+        self._library, self.inbox, self.sent = CDLL(str(library)), [], []
 
-    def _calls(self, wake):
-        """The functions that the program calls, by their names."""
+    def _receive(self, where, room):
+        packet = self.inbox.pop(0) if self.inbox else errno.EAGAIN
+        if isinstance(packet, int):
+            return -packet
+        memmove(where, packet, min(len(packet), room))
+        return min(len(packet), room)
 
-        @ctypes.CFUNCTYPE(ctypes.c_longlong, ctypes.c_longlong)
-        def sleep_until(until):
-            ended = wake(until)
-            return until if ended is None else ended
-
-        @ctypes.CFUNCTYPE(ctypes.c_long, ctypes.c_void_p, ctypes.c_long)
-        def receive(where, room):
-            packet = self.inbox.pop(0) if self.inbox else errno.EAGAIN
-            if isinstance(packet, int):
-                return -packet
-            ctypes.memmove(where, packet, min(len(packet), room))
-            return min(len(packet), room)
-
-        @ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_long)
-        def deliver(where, size):
-            self.sent.append(ctypes.string_at(where, size))
-
-        return {"sleep_until": sleep_until, "receive": receive, "deliver": deliver}
-
-    def run(self, wake, port="1", priority=0):
-        """Run it to its end from time 0; return its exit code, and what it printed and warned of."""
-        library, calls = self._library, self._calls(wake)
+    def run(self, wake, priority=0):
+        """Run it to its end; return code, output, warnings. `wake(until)` gives the end of a sleep, None: until."""
         self.inbox.clear()
         self.sent.clear()
-        for name, call in calls.items():
-            ctypes.c_void_p.in_dll(library, name).value = ctypes.cast(call, ctypes.c_void_p).value
-        ctypes.c_int.in_dll(library, "priority_result").value = priority
-        library.loop_begin()
-        code = library.loop_main(2, (ctypes.c_char_p * 2)(b"loop", port.encode()))
-        return code, *((ctypes.c_char * 1000).in_dll(library, name).value.decode() for name in ("printed", "warned"))
+        sleep = SLEEP(lambda until: until if (end := wake(until)) is None else end)
+        deliver = DELIVER(lambda where, size: self.sent.append(string_at(where, size)))
+        code = self._library.loop_run(sleep, RECEIVE(self._receive), deliver, priority)
+        return code, *((c_char * 1000).in_dll(self._library, name).value.decode() for name in ("printed", "warned"))
 
     def run_in(self, world, network):
         """Run it as a part of a world whose time is 0, connected to the arm's socket; return a list of its results."""
-        ours, its, results = threading.Semaphore(0), threading.Semaphore(0), []
+        sleeps, woken, results = queue.SimpleQueue(), queue.SimpleQueue(), []
 
         def wake(until):
-            world.call_at(1e-9 * until, resume)
-            ours.release()
-            its.acquire()
-
-        def resume():
-            its.release()
-            ours.acquire()
-            network.inbox += [(packet, "loop") for packet in self.sent]
-            self.sent.clear()
+            sleeps.put(until)
+            woken.get()
 
         def work():
             results.append(self.run(wake))
-            ours.release()
+            sleeps.put(None)
+
+        def follow():
+            if until := sleeps.get():
+                network.inbox += [(packet, "loop") for packet in self.sent]
+                self.sent.clear()
+                world.call_at(1e-9 * until, lambda: (woken.put(None), follow()))
 
         network.controller = self.inbox.append
         threading.Thread(target=work, daemon=True).start()
-        ours.acquire()
+        follow()
         return results

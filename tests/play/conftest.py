@@ -1,11 +1,5 @@
 import pytest
-from play_client import Simulated, served
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory):
-    with served(tmp_path_factory.mktemp("play") / "tries") as running:
-        yield running
+from play_client import Simulated
 
 
 @pytest.fixture
