@@ -3,7 +3,6 @@
 import json
 import re
 import shutil
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -43,16 +42,6 @@ def test_run_writes_header_and_onnx_and_compares_both(tmp_path, capsys, kind):
     assert [file.name for file in files] == ["my policy-2.h", "my policy-2.onnx"]
     printed = capsys.readouterr().out
     assert (printed.count("16,000 us"), printed.count("differs from the policy by at most")) == (1, 2)
-
-
-def test_run_says_which_check_is_missing(tmp_path, monkeypatch, capsys):
-    policy = made_up_policy()
-    options = Export(str(policy.save(tmp_path / "it.npz")), tmp_path / "out", **FEW)
-    monkeypatch.setenv("PATH", str(tmp_path))
-    monkeypatch.setitem(sys.modules, "onnxruntime", None)
-    header_file, _ = exporting.run(options)
-    assert capsys.readouterr().out.count(" is not checked") == 3  # the network and the controller in C, and ONNX
-    assert entries(header_file.read_text()) == Subject(policy).contract
 
 
 @pytest.mark.parametrize("error", [2e-6, np.nan])

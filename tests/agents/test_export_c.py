@@ -30,9 +30,7 @@ SHIPPED_ONES = [*sorted(path.stem for path in SHIPPED.glob("*.npz")), *sorted({*
                 *shipped_baselines()]  # fmt: skip
 SENSED = {"range_sensor": {"noise": 0.002, "share": 0.1}, "coupling": {"type": "SpringDamper", "stiffness": 50.0}}
 FAR, FAST = {"scenario": {"distance": [0.05, 0.6]}}, {"acceleration_range": [0.5, 30.0], "velocity_range": [-1.0, 2.0]}
-ROBUST = {name: load_setup("ranged-robust").environment[name] for name in
-          ("alarm", "alarm_threshold", "force_noise", "deflection_sensor", "past_readings", "range_noise",
-           "observe_range_noise")}  # fmt: skip
+ROBUST = load_setup("ranged-robust").environment
 RULES_IN_C = {
     "filter, false alarms": ("FilteredProfile", SENSED | {"alarm": "reading", "force_noise": 1.0}),
     "filter, late and lost": ("FilteredProfile", {"range_sensor": {

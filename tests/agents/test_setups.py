@@ -37,7 +37,6 @@ def test_load_setup_reads_a_file(mine):
     setup = load_setup(mine)
     assert np.array_equal(setup.make().reset(seed=5)[0], setup.make_vec(3).reset(seed=5)[0][0])
     assert {*Task(**setup.environment).drawn} == {"tool_mass", "coupling.stiffness", "robot.stiffness", "range_noise"}
-    assert {name: tuned.rule for name, tuned in setup.tuned.items()} == {"mine-profile": "RangedProfile"}
     assert (setup.training.steps, setup.seeds, setup.budget, setup.evaluation.weights) == (2000, 2, 16, (1.0, 4.0))
 
 
@@ -83,11 +82,6 @@ def test_lag_equals_the_lag_after_a_long_acceleration(coupling, robot):
     assert check.lag(Task(tool_mass=0.3, coupling=coupling, robot=robot)) == pytest.approx(lag, rel=1e-6, abs=1e-9)
 
 
-def test_lines_state_the_force_of_a_front_stop():
-    """8.38 m/s^2 times 0.125 kg."""
-    assert "the front stop holds the tool with 1.05 N" in "\n".join(check.lines(load_setup("bistable-paper")))
-
-
 @pytest.mark.parametrize(("acceleration", "speed"), [(20.0, 1.5), (2.0, 0.4), (1.5, 10.0)])
 def test_reach_is_the_farthest_distance_within_an_episode(acceleration, speed):
     """At full acceleration the flange touches an object 0.1 % nearer than that, and misses one 0.1 % farther."""
@@ -99,14 +93,11 @@ def test_reach_is_the_farthest_distance_within_an_episode(acceleration, speed):
 
 
 def test_warnings_name_the_problems_of_some_episodes():
-    bistable = {"coupling": ig.Bistable()}
-    gentle, robot = bistable | {"acceleration_range": (1.0, 8.0)}, ig.Robot(5.0, 80.0, 9.0)
+    bistable, robot = {"coupling": ig.Bistable()}, ig.Robot(5.0, 80.0, 9.0)
     for environment, words in (
-        ({}, []), (gentle, []), (bistable, ["holds the tool up to 8.38 m/s^2, the arm reaches 20 m/s^2"]),
+        ({}, []), (bistable | {"acceleration_range": (1.0, 8.0)}, []), (bistable, ["holds the tool up to 8.38 m/s^2"]),
         ({"scenario": {"distance": (0.2, 1.7)}}, ["ends at a flange position of 0.75"]),
-        ({"scenario": {"distance": (0.01, 0.3)}}, ["10 mm ahead: the tool can get there before the first reading"]),
         ({"friction": (3.0, 30.0), "robot": robot}, ["friction is 3 to 30", "robot.stiffness is 80 N/m"]),
-        (gentle | {"robot": ig.Robot(5.0, 1e5, 50.0)}, ["a compliant robot can overshoot to 2 times this"]),
     ):  # fmt: skip
         sentences = feasible.warnings(Task(**environment))
         assert len(sentences) == len(words), environment

@@ -10,11 +10,11 @@ from episode_runs import Always
 from refusal import refused
 
 from agents import load_setup, tune
-from agents.baselines import Clairvoyant, ConstantSpeed, LocalBrake, PaperTrapezoid, tuned
+from agents.baselines import Clairvoyant, ConstantSpeed, tuned
 from agents.baselines.cmaes import Jittery, minimise
 from agents.baselines.rule import Parameter
 from agents.baselines.tuned import BOUND_SET, bound_of, load_baseline, read_bound, read_tuned, tuned_rule, write_bound
-from agents.evaluate.scenario_batch import TUNING_SEED, ScenarioBatch
+from agents.evaluate.scenario_batch import ScenarioBatch
 from impact_gym.files import locked
 from impact_gym.task import Task
 
@@ -102,23 +102,6 @@ def test_tune_uses_and_records_the_settings_of_the_set_up(noisy):
         assert f"--names noisy-speed --weights {weight} --scenarios 8 --budget 24" in entry["command"]
 
 
-def test_tune_prefers_a_gentle_touch_to_a_miss():
-    """At 0.05 m/s per s, 1.2 s without a touch cost less than any impact, but a miss costs 2 m/s."""
-    found = tune.tune_one("ConstantSpeed", {}, 0.05, 1e-5, 0.0, **SEARCH | {"scenarios": 20, "budget": 80})
-    assert found["validation"]["missed"] == 0
-    assert 0.05 * 1.2 < found["train"] < 2.0
-    stage = ScenarioBatch(TUNING_SEED, 20, Task(rtol=1e-5))
-    assert found["train"] == pytest.approx(stage.play(ConstantSpeed.of(found["parameters"])).loss(0.05).mean())
-
-
-def test_baselines_use_the_whole_range_of_a_fast_arm():
-    """If only time counts, the fastest approach is best; the brake is the arm's."""
-    arm = {"velocity_range": [-0.5, 3.0], "acceleration_range": [1.0, 60.0]}
-    found = tune.tune_one("ConstantSpeed", arm, 100.0, 1e-5, 0.0, **SEARCH | {"scenarios": 20, "budget": 160})
-    assert found["parameters"][:2] == pytest.approx([3.0, 60.0], rel=0.05)
-    assert LocalBrake().for_task(Task(**arm)).parameters.tolist() == [3.0, 60.0, 60.0]
-
-
 def test_stopped_tuning_keeps_weights_and_reaches_the_same_file(noisy, tmp_path):
     (path,), setup = tune.tune(noisy), load_setup(noisy.setups[0])
     whole, weights, parts = path.read_bytes(), weights_of(noisy), replace(noisy, out=tmp_path / "parts")
@@ -161,13 +144,11 @@ def test_tuning_keeps_weights_that_another_one_wrote_meanwhile(noisy, monkeypatc
     assert [*weights_of(noisy)] == ["1", "2", "10"]
 
 
-def test_tune_repeats_a_search_if_anything_else_has_changed(noisy, tmp_path, capsys, monkeypatch):
+def test_tune_repeats_a_search_if_anything_else_has_changed(noisy, tmp_path, monkeypatch):
     """Settings, the task, or the sources on which the stored results of searches depend."""
     contents = [tune.tune(noisy)[0].read_bytes(), tune.tune(replace(noisy, seed=9))[0].read_bytes()]
-    assert "the results at ['1', '4'] have other settings, and are not reused" in capsys.readouterr().out
     (tmp_path / "noisy.toml").write_text(NOISY.replace("[baselines", "tool_mass = 0.2\n[baselines"))
     (path,) = tune.tune(replace(noisy, seed=9))
-    assert "the environment in" in capsys.readouterr().out
     assert len({*contents, path.read_bytes()}) == 3
     path.unlink()
     asked, stored = [], len(kept(noisy.jobs))
@@ -188,15 +169,18 @@ def test_tune_of_the_shipped_set_ups_searches_nothing():
 def test_bound_is_below_every_shipped_baseline(name):
     setup = load_setup(name)
     bound, weights = bound_of(setup), setup.evaluation.weights
-    rule, count = Clairvoyant(np.concatenate([bound[weight] for weight in weights])), len(bound[weights[0]])
+    count = len(bound[weights[0]])
     every, options = np.repeat(weights, count), {"copies": len(weights), "time_weight": weights}
-    task = setup.task.changed({"privileged": True})
-    known = ScenarioBatch.of(BOUND_SET, count, task, **options).play(rule).loss(every).reshape(len(weights), -1)
+
+    def losses(rule, task):
+        return ScenarioBatch.of(BOUND_SET, count, task, **options).play(rule).loss(every).reshape(len(weights), -1)
+
+    rule = Clairvoyant(np.concatenate([bound[weight] for weight in weights]))
+    known = losses(rule, setup.task.changed({"privileged": True}))
     for baseline in setup.against:
-        blind = tuned_rule(read_tuned(baseline)).at(every).for_task(setup.task)
-        losses = ScenarioBatch.of(BOUND_SET, count, setup.task, **options).play(blind).loss(every).reshape(known.shape)
-        assert (known.mean(axis=1) < losses.mean(axis=1)).all()
-        assert (np.mean(known < losses, axis=1) > 0.9).all()  # in a scenario a search may end in a local minimum
+        blind = losses(tuned_rule(read_tuned(baseline)).at(every).for_task(setup.task), setup.task)
+        assert (known.mean(axis=1) < blind.mean(axis=1)).all()
+        assert (np.mean(known < blind, axis=1) > 0.9).all()  # in a scenario a search may end in a local minimum
 
 
 def test_search_bounds_beats_a_blind_profile_and_is_kept(tmp_path):
@@ -229,13 +213,3 @@ def test_tuned_times_enclose_the_time_of_the_rule(target, power):
     if 0.35 * 32.0**-power <= target - tune.NEAR <= target + tune.NEAR <= 0.35 * 0.125**-power:
         off = target - np.array([*times.values()])
         assert off[off >= 0.0].min() <= tune.NEAR >= -off[off < 0.0].max()
-
-
-def test_command_tunes_around_the_time_of_the_rule_if_asked(noisy):
-    setup, gaps = load_setup(noisy.setups[0]), []
-    rule = ScenarioBatch.of("validation", task=setup.task).play(PaperTrapezoid().for_task(setup.task))
-    for asked in (False, True):
-        tune.run(replace(noisy, at_rule_time=asked))
-        gaps.append([abs(each["validation"]["approach_time"] - rule.approach_time.mean())
-                     for each in weights_of(noisy).values()])  # fmt: skip
-    assert min(gaps[1]) < min(gaps[0])
