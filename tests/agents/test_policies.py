@@ -14,7 +14,6 @@ from refusal import refused
 
 from agents import load_policy, load_setup
 from agents.baselines import ConstantSpeed, PaperTrapezoid
-from agents.evaluate import play as jobs
 from agents.evaluate.scenario_batch import RESULTS, TEST_SEED, TUNING_SEED, VALIDATION_SEED, ScenarioBatch, Validation
 from agents.policies import Ensemble, load_ensemble
 from agents.policies.networks import to_arrays
@@ -210,15 +209,6 @@ def test_policy_warns_once_of_the_arguments_that_differ(recwarn):
         made_up_policy(environment={"range_noise": 0.01}).warn_if_elsewhere(Task(**{"range_noise": 0.01, **change}))
     said = [str(warning.message).partition("differs in ")[2] for warning in recwarn.list]
     assert said == ["coupling", "reaction_delay, tool_mass"]
-
-
-def test_play_takes_sets_tables_and_ranges_alike():
-    frozen = evaluation_sets.load("test")
-    table = {name: values[:20].tolist() for name, values in frozen.scenario.items()}
-    same = {"set": "test"}, {"table": table, "seed": frozen.seed}, {"ranges": "train", "seed": frozen.seed}
-    noisy, of = {"range_noise": 0.01}, {"baseline": "paper-trapezoid"}
-    first, *rest = (jobs.play(of, {**each, "count": 20}, environment=noisy) for each in same)
-    assert_identical([first, first], rest)
 
 
 def test_digest_changes_with_any_source_of_the_module(tmp_path, monkeypatch):

@@ -9,7 +9,6 @@ import pytest
 from episode_runs import assert_identical
 from own_set_up import change
 from refusal import refused
-from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from tiny_training import ALL_PARTS, interrupted, left, rows, tiny
 
 import impact_gym as ig
@@ -69,7 +68,7 @@ def test_train_writes_policies_with_their_provenance(finished, all_parts):
 
 
 def test_twice_interrupted_training_reaches_the_same_bits(finished, all_parts, part):
-    """During the imitation and after it. Text and TensorBoard have each step once."""
+    """During the imitation and after it. The learning curve has each step once."""
     np.random.seed(7)  # noqa: NPY002 - stable-baselines3 draws from it; in a new process its state differs
     (part / f".best.npz.0{UNFINISHED}").touch()  # an unfinished file of a killed process
     interrupted(all_parts, part, after=3000)
@@ -77,14 +76,9 @@ def test_twice_interrupted_training_reaches_the_same_bits(finished, all_parts, p
     train_one(str(part), all_parts.made_for())
     assert_identical(left(finished), left(part))
     assert not (part / f".best.npz.0{UNFINISHED}").exists()
-    events, steps = EventAccumulator(str(part)), [int(float(row["time/total_timesteps"])) for row in rows(part)]
-    events.Reload()
+    steps = [int(float(row["time/total_timesteps"])) for row in rows(part)]
     assert steps == sorted(set(steps))
     assert steps[-1] == all_parts.training.whole_steps
-    drawn = [(event.step, event.value) for event in events.Scalars("validation/score")]
-    written = [(step, float(row["validation/score"])) for step, row in zip(steps, rows(part), strict=True)
-               if row["validation/score"]]  # fmt: skip
-    assert drawn == pytest.approx(np.array(written), rel=1e-6)
 
 
 def test_train_and_resume_do_not_change_a_finished_run(finished, all_parts):

@@ -6,14 +6,12 @@ from functools import wraps
 import numpy as np
 import pytest
 from cluster_work import kept
-from episode_runs import Always
-from refusal import refused
 
 from agents import load_setup, tune
 from agents.baselines import Clairvoyant, ConstantSpeed, tuned
-from agents.baselines.cmaes import Jittery, minimise
+from agents.baselines.cmaes import minimise
 from agents.baselines.rule import Parameter
-from agents.baselines.tuned import BOUND_SET, bound_of, load_baseline, read_bound, read_tuned, tuned_rule, write_bound
+from agents.baselines.tuned import BOUND_SET, bound_of, read_tuned, tuned_rule
 from agents.evaluate.scenario_batch import ScenarioBatch
 from impact_gym.files import locked
 from impact_gym.task import Task
@@ -54,15 +52,6 @@ def test_minimise_depends_on_its_seed_and_on_no_global_generator():
         assert np.array_equal(np.random.get_state()[1], state)  # noqa: NPY002
     assert np.array_equal(runs[0], runs[1])
     assert not np.array_equal(runs[0], runs[2])
-
-
-def test_jitter_is_the_same_for_all_candidates_in_a_scenario():
-    jittery = Jittery(Always(0.5, 10.5), 0.01, 5000, np.random.default_rng(1))
-    first, second = (jittery.predict(np.zeros((3 * 5000, 8)))[0] for _ in range(2))
-    assert np.array_equal(first[:5000], first[5000:10000])
-    assert np.array_equal(first[:5000], first[10000:])
-    assert np.abs(np.corrcoef(first[:5000, 0], second[:5000, 0])[0, 1]) < 4.0 / np.sqrt(5000)
-    assert first[:5000].std() / 2.0 == pytest.approx(0.01, rel=0.04)  # the range is 2 wide
 
 
 NOISY = """[environment]
@@ -158,13 +147,6 @@ def test_tune_repeats_a_search_if_anything_else_has_changed(noisy, tmp_path, mon
     assert {"impact_gym", "agents.baselines", "agents.evaluate", "agents.tune"} <= {*asked}
 
 
-def test_tune_of_the_shipped_set_ups_searches_nothing():
-    for name, setup in tune.Tune().baselines().items():
-        options = tune.Tune((setup.called,))
-        for found in read_tuned(name, options.folder(setup), setup)["weights"].values():
-            assert found["search"] == options.search(name, setup)
-
-
 @pytest.mark.parametrize("name", ["linear-blind", "bistable-blind"])
 def test_bound_is_below_every_shipped_baseline(name):
     setup = load_setup(name)
@@ -181,25 +163,6 @@ def test_bound_is_below_every_shipped_baseline(name):
         blind = losses(tuned_rule(read_tuned(baseline)).at(every).for_task(setup.task), setup.task)
         assert (known.mean(axis=1) < blind.mean(axis=1)).all()
         assert (np.mean(known < blind, axis=1) > 0.9).all()  # in a scenario a search may end in a local minimum
-
-
-def test_search_bounds_beats_a_blind_profile_and_is_kept(tmp_path):
-    """Unless its file is of another search or another environment."""
-    wanted = tune.Tune(("linear-blind",), weights=(1.0,), processes=0, out=tmp_path, jobs=tmp_path / "jobs")
-    setup, size = load_setup("linear-blind"), {"scenarios": 4, "generations": 25}
-    (path,) = tune.search_bounds(wanted, **size)
-    parameters = read_bound(setup, tmp_path, generations=25)[1.0]
-    known = ScenarioBatch.of("test", 4, Task(privileged=True), time_weight=[1.0]).play(Clairvoyant(parameters))
-    blind = ScenarioBatch.of("test", 4, time_weight=[1.0]).play(load_baseline("blind-profile", 1.0))
-    assert known.loss(1.0).mean() < blind.loss(1.0).mean()
-    fastest = np.sqrt(2 * known.scenario["distance"] / 20.0)  # s, at full acceleration
-    assert (known.approach_time > fastest - 0.02).all()  # the tool may swing ahead of the flange
-    for written, found in ((25, 0.5 * parameters), (9, parameters)):
-        write_bound(setup, {1.0: 0.5 * parameters}, tmp_path, generations=written)
-        assert tune.search_bounds(wanted, **size) == [path]
-        assert np.array_equal(read_bound(setup, tmp_path, 25)[1.0], found)
-    path.rename(path.with_name("clairvoyant-rigid-blind.npz"))
-    refused(lambda: read_bound(load_setup("rigid-blind"), tmp_path, 25), "for another environment")
 
 
 @pytest.mark.parametrize("target", [0.12, 0.3, 0.31, 0.6])

@@ -34,16 +34,6 @@ def numbers(log, number, seconds=0.0):
     return {"product": drawn @ drawn.T, "number": number, "threads": [os.environ.get(name, "") for name in ONE_THREAD]}
 
 
-def played(log, number):
-    """Play some scenarios with the compiled kernels."""
-    from agents.evaluate.play import play  # takes 2 s, and other workers do not need it
-    from impact_gym import kernels
-
-    _called(log, number)
-    scenarios = {"ranges": "train", "seed": 1_000_000 + 25 * number, "count": 25}
-    return {**play({"baseline": "paper-trapezoid"}, scenarios), "where": kernels.__file__}
-
-
 def ends_badly(log, number, how=""):
     """Fail, kill the process as the kernel does when memory runs out, or never end."""
     if how == "fails":
