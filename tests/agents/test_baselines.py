@@ -49,10 +49,8 @@ def flange(controller, environment, **record):
 
 def test_constant_speed_goes_until_the_alarm_and_then_stops():
     seen, spec = observations({}, 50)
-    for rule, go, stop in (
-        (PaperTrapezoid(), (1.0, 8.0), (0.0, 8.0)),
-        (ConstantSpeed(1.5, 20.0, 1.0), (1.5, 20.0), (0.0, 1.0)),
-    ):
+    fast = ConstantSpeed(1.5, 20.0, 1.0)
+    for rule, go, stop in ((PaperTrapezoid(), (1.0, 8.0), (0.0, 8.0)), (fast, (1.5, 20.0), (0.0, 1.0))):
         expected = np.where(spec.decode(seen, "alarm")[:, None] == 1.0, stop, go)
         assert ActionSpec(Task()).decode(rule.predict(seen)[0]) == pytest.approx(expected, rel=0, abs=1e-6)
 
@@ -62,12 +60,9 @@ def test_flange_follows_a_blind_profile_within_the_limits():
     time, position, velocity, touch = flange(BlindProfile([*speeds, 20.0, *STAY]), {}, distance=0.5)
     position, velocity, steps = position[time <= touch], velocity[time <= touch], np.diff(time[time <= touch])
     assert np.abs((np.diff(velocity) / np.maximum(steps, 1e-12))[steps > 1e-6]).max() <= 20.0 + 1e-6
-    settled = position > 0.05  # 0.8 m/s at 20 m/s^2 takes 16 mm, and a control period
-    off = np.abs(velocity[settled] - np.interp(position[settled], KNOTS, speeds))
-    # between two commands the velocity is linear in time, also across a corner of the profile; at the sharpest corner,
-    # from 3.3 1/s to -2.5 1/s, this makes up to 0.04 m/s within the 13 mm of a control period
-    assert off.max() < 0.04
-    assert off[np.abs(position[settled][:, None] - KNOTS).min(axis=1) > 0.013].max() < 0.01
+    # away from corners of the profile, and after 16 mm of acceleration and a control period
+    there = (position > 0.05) & (np.abs(position[:, None] - KNOTS).min(axis=1) > 0.013)
+    assert np.abs(velocity[there] - np.interp(position[there], KNOTS, speeds)).max() < 0.01
 
 
 def test_ranged_arrives_at_the_estimate_with_the_tuned_speed():
@@ -94,16 +89,10 @@ def test_rule_acts_on_a_row_of_a_batch_as_it_does_alone(rule):
 
 def test_rule_over_position_is_mapped_to_the_distances_of_a_task():
     """Here twice as far, and twice as wide: the same speeds at the corresponding places, or the same deceleration."""
-    x, (blind, brake) = (
-        np.linspace(0.08, 0.35, 11),
-        (load_baseline(name, 2.0) for name in ("blind-profile", "constant-deceleration")),
-    )
-    farther, longer = (rule.for_task(Task(scenario={"distance": [0.3, 0.7]})) for rule in (blind, brake))
-    assert farther.speed(2.0 * x) == pytest.approx(blind.speed(x))
-    assert longer.speed(2.0 * brake["end"] - x) == pytest.approx(brake.speed(brake["end"] - x))
-    for rule in (blind, brake):
-        fixed = rule.for_task(Task(scenario={"distance": 0.4}))
-        assert np.isfinite(fixed.speed(np.linspace(0.0, 1.0, 50))).all()
+    x, farther = np.linspace(0.08, 0.35, 11), Task(scenario={"distance": [0.3, 0.7]})
+    blind, brake = (load_baseline(name, 2.0) for name in ("blind-profile", "constant-deceleration"))
+    assert blind.for_task(farther).speed(2.0 * x) == pytest.approx(blind.speed(x))
+    assert brake.for_task(farther).speed(2.0 * brake["end"] - x) == pytest.approx(brake.speed(brake["end"] - x))
 
 
 def parameters_of(rule, seed):

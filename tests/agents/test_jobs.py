@@ -18,8 +18,6 @@ from agents.command_line import command_line
 from agents.jobs import JobsFailedError, cached
 from impact_gym.files import DiskFullError
 
-ROOT = Path(__file__).parents[2]
-
 
 @pytest.fixture
 def log(tmp_path):
@@ -36,7 +34,7 @@ from agents.jobs import cached
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a background process would ignore it
 cached(cluster_work.numbers, {given!r}, "results", processes=2)
 """
-SOURCES = {"PYTHONPATH": os.pathsep.join(map(str, (ROOT / "tests" / "helpers", ROOT)))}  # instead of installed ones
+SOURCES = {"PYTHONPATH": os.pathsep.join(sys.path)}
 
 
 @pytest.mark.slow
@@ -66,7 +64,7 @@ def test_failed_late_and_killed_calls_are_named_and_stored(log, tmp_path):
         reasons = "no result for 1", "lost, with exit code -9 (out of memory?)", "no answer within 3 s"
         assert all(part in reason for part, (_, reason) in zip(reasons, bad, strict=True))
         assert sorted(calls(log)) == [0, 2, 3, 4]
-    with pytest.raises(JobsFailedError, match="8 of 9 jobs failed(.|\n)*Traceback(.|\n)*in ends_badly"):
+    with pytest.raises(JobsFailedError, match=r"8 of 9 jobs failed(.|\n)*Traceback(.|\n)*in ends_badly"):
         cached(ends_badly, given[:2] + listed(log, 9, how="fails")[2:], tmp_path, processes=0)
     assert len(kept(tmp_path)) == 5
 

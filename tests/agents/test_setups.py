@@ -19,8 +19,6 @@ from agents.setups.setup import FIXED
 from agents.train.ppo import Run
 from impact_gym.task import Task
 
-SPRING = {"coupling": {"type": "SpringDamper", "stiffness": [40.0, 60.0]}, "tool_mass": 0.2}
-
 
 @pytest.mark.parametrize("name", shipped())
 def test_load_setup_finds_all_files_of_a_shipped_set_up(name):
@@ -35,7 +33,8 @@ def test_load_setup_finds_all_files_of_a_shipped_set_up(name):
 
 @pytest.mark.filterwarnings("ignore:SpringDamper.stroke")
 def test_variants_change_only_one_argument_each():
-    own, changed = Task(**SPRING), variants(Evaluation(), SPRING)
+    spring = {"coupling": {"type": "SpringDamper", "stiffness": [40.0, 60.0]}, "tool_mass": 0.2}
+    own, changed = Task(**spring), variants(Evaluation(), spring)
     for change in changed:
         task = Task(**change.environment)
         assert (task == own) == (change.same or bool(change.scenarios)), change

@@ -126,7 +126,6 @@ def test_policy_from_equals_the_models_actor(learned):
     hidden = np.zeros((1500, model.observation_space.shape[0] - policy.inputs), np.float32)
     expected, _ = model.predict(np.append(seen, hidden, axis=1), deterministic=True)
     assert policy.predict(seen)[0] == pytest.approx(expected, rel=0, abs=2e-6)
-    assert len(np.unique(expected)) > 1500
     log_std = np.broadcast_to(model.policy.log_std.detach().numpy(), (1500, 2))
     assert policy.network.read(policy.network.log_std, seen) == pytest.approx(log_std, rel=1e-6)
 

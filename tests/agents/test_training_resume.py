@@ -1,5 +1,6 @@
 """Run folders: the files of a training; an interrupted training ends with the same bits as an uninterrupted one."""
 
+import csv
 import fcntl
 import json
 import shutil
@@ -9,18 +10,48 @@ import pytest
 from episode_runs import assert_identical
 from own_set_up import change
 from refusal import refused
-from tiny_training import ALL_PARTS, interrupted, left, rows, tiny
+from tiny_training import ALL_PARTS, tiny
 
 import impact_gym as ig
 from agents import load_policy, load_setup
 from agents.evaluate.scenario_batch import Validation
 from agents.policies.networks import to_arrays
 from agents.train.__main__ import read_options, run
-from agents.train.callback import CollapsedError
+from agents.train.callback import CollapsedError, TrainingCallback
 from agents.train.ppo import resume, train
 from agents.train.seeds import train_one
 from impact_gym.files import UNFINISHED
 from impact_gym.task import Task
+
+
+def interrupted(run, out, after=0):
+    """Begin or resume a training; interrupt it in the first validation that follows a checkpoint and some steps."""
+    validate = TrainingCallback.validate
+
+    def interrupt(callback):
+        policy = validate(callback)
+        if callback.num_timesteps >= after and (out / "checkpoint.npz").is_file():
+            raise KeyboardInterrupt
+        return policy
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(TrainingCallback, "validate", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            resume(out) if out.exists() else train(run, out)
+    assert not (out / "metrics.json").exists()
+    return out
+
+
+def rows(folder):
+    with (folder / "progress.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def left(folder):
+    """Return the results of a training without times: weights, learning curve, scores."""
+    weights = [to_arrays(load_policy(folder / name).network) for name in ("final.npz", "best.npz")]
+    metrics = json.loads((folder / "metrics.json").read_text())
+    return weights, rows(folder), metrics["validation"], metrics["curve"]
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +86,6 @@ def read(folder, name):
 def test_train_writes_policies_with_their_provenance(finished, all_parts):
     config, metrics, training = read(finished, "config.json"), read(finished, "metrics.json"), all_parts.training
     assert config["command"] == all_parts.command
-    assert config["settings"]["rollout"] == 16
     assert config["versions"]["impact-gym"] == ig.__version__
     validation = Validation(Task(**config["environment"]), config["weights"], training.validation_scenarios)
     for name in ("best", "final"):

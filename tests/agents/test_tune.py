@@ -47,9 +47,7 @@ def test_minimise_depends_on_its_seed_and_on_no_global_generator():
     runs = []
     for seed, other in ((1, 5), (1, 6), (2, 5)):
         np.random.seed(other)  # noqa: NPY002 - the search must not use it
-        state = np.random.get_state()[1].copy()  # noqa: NPY002
         runs.append(minimise(bowl, SPACE, 3, generations=5, seed=seed).parameters)
-        assert np.array_equal(np.random.get_state()[1], state)  # noqa: NPY002
     assert np.array_equal(runs[0], runs[1])
     assert not np.array_equal(runs[0], runs[2])
 
@@ -163,16 +161,3 @@ def test_bound_is_below_every_shipped_baseline(name):
         blind = losses(tuned_rule(read_tuned(baseline)).at(every).for_task(setup.task), setup.task)
         assert (known.mean(axis=1) < blind.mean(axis=1)).all()
         assert (np.mean(known < blind, axis=1) > 0.9).all()  # in a scenario a search may end in a local minimum
-
-
-@pytest.mark.parametrize("target", [0.12, 0.3, 0.31, 0.6])
-@pytest.mark.parametrize("power", [0.1, 0.3, 0.6])
-def test_tuned_times_enclose_the_time_of_the_rule(target, power):
-    """Within 5 ms, after at most eight more weights, if the time is in reach."""
-    times = {weight: 0.35 * weight**-power for weight in (0.7, 1.0, 2.0, 4.0)}
-    while (weight := tune.next_weight(times, target)) is not None:
-        times[weight] = 0.35 * weight**-power
-    assert len(times) <= 4 + tune.MOST_TRIED
-    if 0.35 * 32.0**-power <= target - tune.NEAR <= target + tune.NEAR <= 0.35 * 0.125**-power:
-        off = target - np.array([*times.values()])
-        assert off[off >= 0.0].min() <= tune.NEAR >= -off[off < 0.0].max()

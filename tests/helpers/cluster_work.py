@@ -12,11 +12,6 @@ from agents.jobs import ONE_THREAD
 from impact_gym.files import whole_file
 
 
-def _called(log, number):
-    with Path(log).open("a") as file:
-        file.write(f"{number}\n")
-
-
 def calls(log):
     """Return the numbers of the started calls, in their order."""
     return [*map(int, Path(log).read_text().split())] if Path(log).exists() else []
@@ -28,7 +23,8 @@ def kept(folder):
 
 def numbers(log, number, seconds=0.0):
     """Return sums of many numbers, whose last bits depend on the order of summation."""
-    _called(log, number)
+    with Path(log).open("a") as file:
+        file.write(f"{number}\n")
     time.sleep(seconds)
     drawn = np.random.default_rng(number).standard_normal((64, 64))
     return {"product": drawn @ drawn.T, "number": number, "threads": [os.environ.get(name, "") for name in ONE_THREAD]}
