@@ -6,18 +6,16 @@ import json
 import gymnasium as gym
 import numpy as np
 import pytest
-from episode_runs import ID, assert_identical, play
+from episode_runs import ID, play
 from refusal import refused
 
 from agents import load_setup
 from agents.baselines import BlindProfile, Clairvoyant, ConstantSpeed, OperatorAlone, PaperTrapezoid, Ranged, tuned
-from agents.baselines.filtered import FilteredProfile, FirstReadingProfile
+from agents.baselines.filtered import FilteredProfile
 from agents.baselines.profile import KNOTS, LEAST_SPREAD, REACTION
 from agents.baselines.rule import View
 from agents.baselines.tuned import load_baseline, read_tuned, write_tuned
-from agents.evaluate.play import controller_of
-from agents.evaluate.scenario_batch import RESULTS, ScenarioBatch
-from agents.export.contract import of_name
+from agents.evaluate.scenario_batch import ScenarioBatch
 from agents.setups import owner, shipped_baselines
 from agents.tune import CLEAN_ALARM
 from impact_gym.envs.batch import Batch
@@ -49,30 +47,22 @@ def flange(controller, environment, **record):
     return trace.time, trace.flange_position, trace.flange_velocity, info["approach_time"]
 
 
-@pytest.mark.parametrize(("rule", "go", "stop"), [
-    (PaperTrapezoid(), (1.0, 8.0), (0.0, 8.0)), (ConstantSpeed(0.3), (0.3, 8.0), (0.0, 8.0)),
-    (ConstantSpeed(1.5, 20.0, 1.0), (1.5, 20.0), (0.0, 1.0)),
-], ids=["paper", "slow", "fast"])  # fmt: skip
-def test_constant_speed_goes_until_the_alarm_and_then_stops(rule, go, stop):
+def test_constant_speed_goes_until_the_alarm_and_then_stops():
     seen, spec = observations({}, 50)
-    actions, state = rule.predict(seen, state="kept", episode_start=np.zeros(50, bool), deterministic=True)
-    assert (state, actions.dtype, actions.shape) == ("kept", np.float32, (50, 2))
-    expected = np.where(spec.decode(seen, "alarm")[:, None] == 1.0, stop, go)
-    assert ActionSpec(Task()).decode(actions) == pytest.approx(expected, rel=0, abs=1e-6)
+    fast = ConstantSpeed(1.5, 20.0, 1.0)
+    for rule, go, stop in ((PaperTrapezoid(), (1.0, 8.0), (0.0, 8.0)), (fast, (1.5, 20.0), (0.0, 1.0))):
+        expected = np.where(spec.decode(seen, "alarm")[:, None] == 1.0, stop, go)
+        assert ActionSpec(Task()).decode(rule.predict(seen)[0]) == pytest.approx(expected, rel=0, abs=1e-6)
 
 
 def test_flange_follows_a_blind_profile_within_the_limits():
     speeds = np.array([0.8, 0.8, 0.7, 0.75, 0.6, 0.5, 0.45, 0.4, 0.35, 0.3])
     time, position, velocity, touch = flange(BlindProfile([*speeds, 20.0, *STAY]), {}, distance=0.5)
     position, velocity, steps = position[time <= touch], velocity[time <= touch], np.diff(time[time <= touch])
-    assert np.abs(np.diff(velocity)).max() <= 20.0 * steps.max() + 1e-9
     assert np.abs((np.diff(velocity) / np.maximum(steps, 1e-12))[steps > 1e-6]).max() <= 20.0 + 1e-6
-    settled = position > 0.05  # 0.8 m/s at 20 m/s^2 takes 16 mm, and a control period
-    off = np.abs(velocity[settled] - np.interp(position[settled], KNOTS, speeds))
-    # between two commands the velocity is linear in time, also across a corner of the profile; at the sharpest corner,
-    # from 3.3 1/s to -2.5 1/s, this makes up to 0.04 m/s within the 13 mm of a control period
-    assert off.max() < 0.04
-    assert off[np.abs(position[settled][:, None] - KNOTS).min(axis=1) > 0.013].max() < 0.01
+    # away from corners of the profile, and after 16 mm of acceleration and a control period
+    there = (position > 0.05) & (np.abs(position[:, None] - KNOTS).min(axis=1) > 0.013)
+    assert np.abs(velocity[there] - np.interp(position[there], KNOTS, speeds)).max() < 0.01
 
 
 def test_ranged_arrives_at_the_estimate_with_the_tuned_speed():
@@ -83,15 +73,6 @@ def test_ranged_arrives_at_the_estimate_with_the_tuned_speed():
     left = np.array([0.02, 0.04, 0.06])
     assert np.interp(0.29 - left, position, velocity) == pytest.approx(np.sqrt(0.25**2 + 2 * 9.0 * left), abs=0.01)
     assert velocity[position > 0.31] == pytest.approx(0.25, abs=1e-3)
-
-
-def test_clairvoyant_uses_the_true_gap():
-    env = gym.make(ID, **Clairvoyant.NEEDS)
-    seen, _ = env.reset(options={"scenario": {"distance": 0.2718}})
-    rule = Clairvoyant([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 10.0, 20.0, *STAY])
-    velocity, _ = rule.command(View(seen, env.unwrapped.observation_spec))
-    assert velocity == pytest.approx(min(1.5, np.sqrt(0.6**2 + 2 * 10.0 * (0.2718 - 0.04))), abs=1e-6)
-    assert rule.speed(np.array([-0.015, 0.0, 0.015, 0.1])) == pytest.approx([0.45, 0.3, 0.15, 0.1])
 
 
 @pytest.mark.parametrize("rule", RULES)
@@ -106,19 +87,12 @@ def test_rule_acts_on_a_row_of_a_batch_as_it_does_alone(rule):
         assert np.array_equal(alone.predict(seen)[0][row], actions[row])
 
 
-@pytest.mark.parametrize("name", ["blind-profile", "constant-deceleration"])
-def test_rule_over_position_is_mapped_to_the_distances_of_a_task(name):
-    """Here twice as far, and twice as wide."""
-    rule = load_baseline(name, 2.0)
-    farther = rule.for_task(Task(scenario={"distance": [0.3, 0.7]}))
-    x = np.linspace(0.15, 0.35, 9)
-    if name == "blind-profile":  # the same speeds at the corresponding places
-        x = np.array([0.08, 0.12, *x])
-        assert farther.speed(2.0 * x) == pytest.approx(rule.speed(x))
-    else:  # the same deceleration over a longer distance
-        assert farther.speed(2.0 * rule["end"] - x) == pytest.approx(rule.speed(rule["end"] - x))
-    fixed = rule.for_task(Task(scenario={"distance": 0.4}))
-    assert np.isfinite(fixed.speed(np.linspace(0.0, 1.0, 50))).all()
+def test_rule_over_position_is_mapped_to_the_distances_of_a_task():
+    """Here twice as far, and twice as wide: the same speeds at the corresponding places, or the same deceleration."""
+    x, farther = np.linspace(0.08, 0.35, 11), Task(scenario={"distance": [0.3, 0.7]})
+    blind, brake = (load_baseline(name, 2.0) for name in ("blind-profile", "constant-deceleration"))
+    assert blind.for_task(farther).speed(2.0 * x) == pytest.approx(blind.speed(x))
+    assert brake.for_task(farther).speed(2.0 * brake["end"] - x) == pytest.approx(brake.speed(brake["end"] - x))
 
 
 def parameters_of(rule, seed):
@@ -139,23 +113,18 @@ def test_load_baseline_interpolates_over_the_logarithmic_weight(tmp_path):
     assert isinstance(load_baseline("paper-trapezoid", 3.0, tmp_path), PaperTrapezoid)
 
 
-@pytest.mark.parametrize(("changes", "words"), [
-    (None, "damaged"), ({"weights": {}, "sha256": "as it was"}, "was altered"),
-    ({"parameters": []}, "the table of parameters in"), ({"environment": {"range_noise": 0.02}}, "the environment in"),
-    ({"format": "impact_gym tuned baseline 0"}, "the format in"), ({"rule": "RangedProfile"}, "the rule in"),
-], ids=str)  # fmt: skip
-def test_missing_or_changed_tuned_file_is_refused_with_a_remedy(tmp_path, changes, words):
-    """A changed file has the checksum of its content unless `changes` has another one."""
+def test_missing_or_changed_tuned_file_is_refused_with_a_remedy(tmp_path):
     again = "impact-gym tune linear-ranged"
     refused(lambda: load_baseline("ranged", 2.0, tmp_path), "was not tuned", again)
     path = write_tuned("ranged", {"2": parameters_of(Ranged, 1)}, load_setup("linear-ranged"), tmp_path)
-    content = json.loads(path.read_text())
-    del content["sha256"]
-    content |= changes or {}
-    checksum = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-    path.write_text(json.dumps({"sha256": checksum} | content) if changes else path.read_text()[:100])
-    for load in (of_name, load_baseline):
-        refused(lambda load=load: load(str(path)), words, again)
+    good = json.loads(path.read_text())
+    checksum = good.pop("sha256")
+    other = good | {"environment": {"range_noise": 0.02}}
+    right = hashlib.sha256(json.dumps(other, sort_keys=True).encode()).hexdigest()
+    for content, words in (({}, "damaged"), (other | {"sha256": checksum}, "was altered"),
+                           (other | {"sha256": right}, "the environment in")):  # fmt: skip
+        path.write_text(json.dumps(content))
+        refused(lambda: load_baseline(str(path)), words, again)
 
 
 @pytest.mark.parametrize("name", shipped_baselines())
@@ -175,25 +144,14 @@ def test_shipped_baseline_beats_the_papers_rule_at_each_weight(name):
     assert (better.reshape(len(weights), count).mean(axis=1) > 0.0).all()
 
 
-def test_paper_limits_are_exactly_those_of_the_papers_rule():
-    def played(controller, name):
-        task = load_setup(name).task
-        result = ScenarioBatch.of("test", 100, task).play(controller.for_task(task))
-        return {name: getattr(result, name) for name in RESULTS}
-
-    expected = played(PaperTrapezoid(), "paper-limits")
-    assert_identical(expected, played(PaperTrapezoid(), "linear-blind"))
-    assert_identical(expected, played(ConstantSpeed(1.5, 20.0), "paper-limits"))
-
-
 START = [parameter.start for parameter in FilteredProfile.PARAMETERS]
 PRIOR = 12.0 / 0.2**2  # 1/m^2, weight of the prior: uniform between 15 and 35 cm
 
 
-def estimates(rows, steps, kind=FilteredProfile, speed=0.3, **options):
+def estimates(rows, steps, speed=0.3, **options):
     """Return arrays (steps, rows): error and spread of the estimate, age of the reading, whether there was a touch."""
     task = Task(**options)
-    batch, rule = Batch(rows, task), kind(START).for_task(task)
+    batch, rule = Batch(rows, task), FilteredProfile(START).for_task(task)
     batch.begin_seeded(0, {})
     spec, state, found = ObservationSpec(task), None, []
     action, none = np.tile([speed, 0.2], (rows, 1)), np.zeros(rows, bool)
@@ -207,9 +165,8 @@ def estimates(rows, steps, kind=FilteredProfile, speed=0.3, **options):
 
 
 @pytest.mark.parametrize("coupling", [{"type": "Rigid"}, {"type": "SpringDamper", "stiffness": 50.0}])
-@pytest.mark.parametrize("delay", [0.0, 0.05])
-def test_without_errors_the_estimate_is_the_distance(coupling, delay):
-    error, _, age, touched = estimates(200, 12, coupling=coupling, range_sensor={"delay": delay, "bias": 0.01})
+def test_without_errors_the_estimate_is_the_distance(coupling):
+    error, _, age, touched = estimates(200, 12, coupling=coupling, range_sensor={"delay": 0.05, "bias": 0.01})
     read = np.isfinite(age) & ~touched
     assert read.any(axis=0).all()
     prior = PRIOR / (PRIOR + LEAST_SPREAD**-2) * 0.1  # m, remaining influence of the prior
@@ -222,8 +179,6 @@ def test_spread_is_that_of_readings_weighted_by_inverse_variance():
     _, spread, age, _ = estimates(500, 10, speed=-0.5, range_sensor={"noise": 0.02, "dropout": 0.3})
     count = np.cumsum(age == 0.0, axis=0)
     assert spread == pytest.approx((PRIOR + count / 0.02**2) ** -0.5, rel=1e-9)
-    _, spread, age, _ = estimates(500, 10, FirstReadingProfile, speed=-0.5, range_sensor={"noise": 0.02})
-    assert spread == pytest.approx((PRIOR + 1.0 / 0.02**2) ** -0.5, rel=1e-9)
 
 
 def test_errors_have_the_standard_deviation_of_the_filter():
@@ -232,14 +187,6 @@ def test_errors_have_the_standard_deviation_of_the_filter():
     score = (error / spread)[-1][last]
     assert abs(score.mean()) < 5.0 / np.sqrt(score.size) + 0.05
     assert score.std() == pytest.approx(1.0, abs=0.06)
-
-
-def test_filter_keeps_the_sensor_for_which_it_was_tuned():
-    tuned_file = json.loads((tuned.TUNED / "filtered-profile.json").read_text())
-    there = Task(range_sensor={"noise": 0.002, "bias": 0.02}, tool_mass=0.5, velocity_range=(-0.2, 0.7))
-    played, known = controller_of({"tuned": tuned_file}, 2.0, there).task, Task(**tuned_file["environment"])
-    assert (played.range_sensor, played.tool_mass) == (known.range_sensor, known.tool_mass)
-    assert played.velocity_range == there.velocity_range
 
 
 def test_filter_begins_anew_with_each_episode():

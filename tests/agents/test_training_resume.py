@@ -1,5 +1,6 @@
 """Run folders: the files of a training; an interrupted training ends with the same bits as an uninterrupted one."""
 
+import csv
 import fcntl
 import json
 import shutil
@@ -9,20 +10,62 @@ import pytest
 from episode_runs import assert_identical
 from own_set_up import change
 from refusal import refused
-from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
-from tiny_training import interrupted, left, rows, tiny
+from tiny_training import ALL_PARTS, tiny
 
 import impact_gym as ig
 from agents import load_policy, load_setup
 from agents.evaluate.scenario_batch import Validation
-from agents.jobs import JobsFailedError
 from agents.policies.networks import to_arrays
 from agents.train.__main__ import read_options, run
-from agents.train.callback import OBJECTIVES, CollapsedError
+from agents.train.callback import CollapsedError, TrainingCallback
 from agents.train.ppo import resume, train
 from agents.train.seeds import train_one
 from impact_gym.files import UNFINISHED
 from impact_gym.task import Task
+
+
+def interrupted(run, out, after=0):
+    """Begin or resume a training; interrupt it in the first validation that follows a checkpoint and some steps."""
+    validate = TrainingCallback.validate
+
+    def interrupt(callback):
+        policy = validate(callback)
+        if callback.num_timesteps >= after and (out / "checkpoint.npz").is_file():
+            raise KeyboardInterrupt
+        return policy
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(TrainingCallback, "validate", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            resume(out) if out.exists() else train(run, out)
+    assert not (out / "metrics.json").exists()
+    return out
+
+
+def rows(folder):
+    with (folder / "progress.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def left(folder):
+    """Return the results of a training without times: weights, learning curve, scores."""
+    weights = [to_arrays(load_policy(folder / name).network) for name in ("final.npz", "best.npz")]
+    metrics = json.loads((folder / "metrics.json").read_text())
+    return weights, rows(folder), metrics["validation"], metrics["curve"]
+
+
+@pytest.fixture(scope="module")
+def all_parts(tmp_path_factory):
+    """A short training that draws numbers, has nominal environments, and imitates for its first half."""
+    path = tmp_path_factory.mktemp("setup") / "all-parts.toml"
+    path.write_text(ALL_PARTS)
+    return tiny(path, nominal=0.5, teacher="blind-profile", imitation_steps=2048)
+
+
+@pytest.fixture(scope="module")
+def finished(all_parts, tmp_path_factory):
+    """The folder of this training after its end; tests only read it."""
+    return train(all_parts, tmp_path_factory.mktemp("trained") / "run")
 
 
 @pytest.fixture(scope="module")
@@ -43,8 +86,6 @@ def read(folder, name):
 def test_train_writes_policies_with_their_provenance(finished, all_parts):
     config, metrics, training = read(finished, "config.json"), read(finished, "metrics.json"), all_parts.training
     assert config["command"] == all_parts.command
-    assert config["settings"]["rollout"] == 16
-    assert {"python", "numpy", "torch", "gymnasium", "stable-baselines3"} <= set(config["versions"])
     assert config["versions"]["impact-gym"] == ig.__version__
     validation = Validation(Task(**config["environment"]), config["weights"], training.validation_scenarios)
     for name in ("best", "final"):
@@ -54,12 +95,10 @@ def test_train_writes_policies_with_their_provenance(finished, all_parts):
     best, final = (metrics["validation"][name]["score"] for name in ("best", "final"))
     assert best == min(point["score"] for point in metrics["curve"])
     assert metrics["curve"][-1] == {"steps": training.whole_steps, "score": final}
-    kinds = {file.name.split(".")[0] for file in finished.iterdir()}
-    assert kinds == {"config", "metrics", "progress", "events", "best", "final", "lock"}
 
 
 def test_twice_interrupted_training_reaches_the_same_bits(finished, all_parts, part):
-    """During the imitation and after it. Text and TensorBoard have each step once, and no nan."""
+    """During the imitation and after it. The learning curve has each step once."""
     np.random.seed(7)  # noqa: NPY002 - stable-baselines3 draws from it; in a new process its state differs
     (part / f".best.npz.0{UNFINISHED}").touch()  # an unfinished file of a killed process
     interrupted(all_parts, part, after=3000)
@@ -67,46 +106,29 @@ def test_twice_interrupted_training_reaches_the_same_bits(finished, all_parts, p
     train_one(str(part), all_parts.made_for())
     assert_identical(left(finished), left(part))
     assert not (part / f".best.npz.0{UNFINISHED}").exists()
-    log, events = rows(part), EventAccumulator(str(part))
-    events.Reload()
-    steps = [int(float(row["time/total_timesteps"])) for row in log]
+    steps = [int(float(row["time/total_timesteps"])) for row in rows(part)]
     assert steps == sorted(set(steps))
     assert steps[-1] == all_parts.training.whole_steps
-    imitated = [step for step, row in zip(steps, log, strict=True) if row["train/imitation_loss"]]
-    assert (min(imitated), max(imitated)) == (steps[0], 2048)
-    objectives = [f"objectives/{name}" for name in OBJECTIVES]
-    for name in (*objectives, "validation/score", "validation/approach_time at weight 2"):
-        written = [(step, float(row[name])) for step, row in zip(steps, log, strict=True) if row[name]]
-        assert len(written) >= 2
-        assert np.isfinite(written).all()
-        drawn = [(event.step, event.value) for event in events.Scalars(name)]
-        assert drawn == pytest.approx(np.array(written), rel=1e-6)
 
 
 def test_train_and_resume_do_not_change_a_finished_run(finished, all_parts):
     before = {file.name: file.read_bytes() for file in finished.iterdir()}
     assert resume(finished) == finished
-    for training, out in ((all_parts, finished), (tiny(teacher="nope"), finished / "nothing")):
-        with pytest.raises((FileExistsError, ValueError), match=r"exists|nope"):
-            train(training, out)
+    with pytest.raises(FileExistsError, match="exists"):
+        train(all_parts, finished)
     assert {file.name: file.read_bytes() for file in finished.iterdir()} == before
 
 
-@pytest.mark.parametrize(("setting", "before", "now"), [("width", 16, 24), ("envs", 16, 8)])
-def test_resume_refuses_the_checkpoint_of_another_training(part, setting, before, now):
-    record = read(part, "config.json")
-    record["settings"][setting] = now
-    (part / "config.json").write_text(json.dumps(record))
-    refused(lambda: resume(part), "does not fit this training", f"{setting} is {before} in the checkpoint, got {now}")
-
-
-def test_resume_refuses_a_folder_without_or_with_a_running_run(part, tmp_path):
+def test_resume_refuses_what_it_cannot_continue(part, tmp_path):
+    """A running training, another one's checkpoint, a folder without a training."""
     with (part / "lock").open() as lock:  # a second open file excludes even the same process
         fcntl.flock(lock, fcntl.LOCK_EX)
         refused(lambda: resume(part), "another process")
+    record = read(part, "config.json")
+    record["settings"]["width"] = 24
+    (part / "config.json").write_text(json.dumps(record))
+    refused(lambda: resume(part), "does not fit this training", "width is 16 in the checkpoint, got 24")
     refused(lambda: resume(tmp_path), "holds no run")
-    (tmp_path / "config.json").write_text(json.dumps({"settings": {**tiny().made_for()["settings"], "gama": 1.0}}))
-    refused(lambda: resume(tmp_path), "gama")
 
 
 def trained(folder, setup, *words):
@@ -143,11 +165,7 @@ def test_train_stops_with_the_reason_if_it_touches_no_object(tmp_path):
     assert not (tmp_path / "run" / "metrics.json").exists()
 
 
-def test_train_ends_if_weights_are_not_finite_and_ships_nothing(tmp_path):
+def test_train_ends_if_weights_are_not_finite(tmp_path):
     with pytest.raises(CollapsedError, match=r"no longer finite.*learning_rate below 1e\+30"):
         train(tiny(learning_rate=1e30), tmp_path / "run")
     assert not (tmp_path / "run" / "final.npz").exists()
-    short = "--seeds 1 --learning-rate 1e30 --steps 256 --envs 16 --rollout 16 --batch 64 --validation-scenarios 5"
-    with pytest.raises(JobsFailedError, match=r"1 of 1 jobs failed(.|\n)*CollapsedError(.|\n)*no longer finite"):
-        trained(tmp_path, "linear-blind", *short.split())
-    assert not (tmp_path / "policies").exists()

@@ -1,23 +1,18 @@
 """Searches find known optima; tuning keeps its results, and repeats a search if its settings or task have changed."""
 
-import json
-import sys
-from contextlib import ExitStack, suppress
 from dataclasses import replace
 from functools import wraps
 
 import numpy as np
 import pytest
 from cluster_work import kept
-from episode_runs import Always
-from refusal import refused
 
 from agents import load_setup, tune
-from agents.baselines import Clairvoyant, ConstantSpeed, LocalBrake, PaperTrapezoid, tuned
-from agents.baselines.cmaes import Jittery, minimise
+from agents.baselines import Clairvoyant, ConstantSpeed, tuned
+from agents.baselines.cmaes import minimise
 from agents.baselines.rule import Parameter
-from agents.baselines.tuned import BOUND_SET, bound_of, load_baseline, read_bound, read_tuned, tuned_rule, write_bound
-from agents.evaluate.scenario_batch import TUNING_SEED, ScenarioBatch
+from agents.baselines.tuned import BOUND_SET, bound_of, read_tuned, tuned_rule
+from agents.evaluate.scenario_batch import ScenarioBatch
 from impact_gym.files import locked
 from impact_gym.task import Task
 
@@ -52,20 +47,9 @@ def test_minimise_depends_on_its_seed_and_on_no_global_generator():
     runs = []
     for seed, other in ((1, 5), (1, 6), (2, 5)):
         np.random.seed(other)  # noqa: NPY002 - the search must not use it
-        state = np.random.get_state()[1].copy()  # noqa: NPY002
         runs.append(minimise(bowl, SPACE, 3, generations=5, seed=seed).parameters)
-        assert np.array_equal(np.random.get_state()[1], state)  # noqa: NPY002
     assert np.array_equal(runs[0], runs[1])
     assert not np.array_equal(runs[0], runs[2])
-
-
-def test_jitter_is_the_same_for_all_candidates_in_a_scenario():
-    jittery = Jittery(Always(0.5, 10.5), 0.01, 5000, np.random.default_rng(1))
-    first, second = (jittery.predict(np.zeros((3 * 5000, 8)))[0] for _ in range(2))
-    assert np.array_equal(first[:5000], first[5000:10000])
-    assert np.array_equal(first[:5000], first[10000:])
-    assert np.abs(np.corrcoef(first[:5000, 0], second[:5000, 0])[0, 1]) < 4.0 / np.sqrt(5000)
-    assert first[:5000].std() / 2.0 == pytest.approx(0.01, rel=0.04)  # the range is 2 wide
 
 
 NOISY = """[environment]
@@ -90,8 +74,9 @@ def weights_of(options):
     return read_tuned("noisy-speed", options.out, load_setup(options.setups[0]))["weights"]
 
 
-def test_tune_uses_and_records_the_settings_of_the_set_up(noisy, tmp_path):
-    (path,), setup = tune.tune(noisy), load_setup(noisy.setups[0])
+def test_tune_uses_and_records_the_settings_of_the_set_up(noisy):
+    tune.tune(noisy)
+    setup = load_setup(noisy.setups[0])
     for weight in (1.0, 4.0):
         entry, environment = weights_of(noisy)[f"{weight:g}"], {**setup.environment, **tune.CLEAN_ALARM}
         alone = tune.tune_one("ConstantSpeed", environment, weight, rtol=1e-6, jitter=0.02, **SEARCH)
@@ -102,25 +87,6 @@ def test_tune_uses_and_records_the_settings_of_the_set_up(noisy, tmp_path):
         assert entry["validation"] == alone["validation"] == tune.scores(rule, weight)
         assert entry["search"] == {**SEARCH, "clean_alarm": True, "jitter": 0.02}
         assert f"--names noisy-speed --weights {weight} --scenarios 8 --budget 24" in entry["command"]
-        assert isinstance(load_baseline("noisy-speed", weight, tmp_path), ConstantSpeed)
-    assert json.loads(path.read_text())["environment"]["force_noise"] == 2.0
-
-
-def test_tune_prefers_a_gentle_touch_to_a_miss():
-    """At 0.05 m/s per s, 1.2 s without a touch cost less than any impact, but a miss costs 2 m/s."""
-    found = tune.tune_one("ConstantSpeed", {}, 0.05, 1e-5, 0.0, **SEARCH | {"scenarios": 20, "budget": 80})
-    assert found["validation"]["missed"] == 0
-    assert 0.05 * 1.2 < found["train"] < 2.0
-    stage = ScenarioBatch(TUNING_SEED, 20, Task(rtol=1e-5))
-    assert found["train"] == pytest.approx(stage.play(ConstantSpeed.of(found["parameters"])).loss(0.05).mean())
-
-
-def test_baselines_use_the_whole_range_of_a_fast_arm():
-    """If only time counts, the fastest approach is best; the brake is the arm's."""
-    arm = {"velocity_range": [-0.5, 3.0], "acceleration_range": [1.0, 60.0]}
-    found = tune.tune_one("ConstantSpeed", arm, 100.0, 1e-5, 0.0, **SEARCH | {"scenarios": 20, "budget": 160})
-    assert found["parameters"][:2] == pytest.approx([3.0, 60.0], rel=0.05)
-    assert LocalBrake().for_task(Task(**arm)).parameters.tolist() == [3.0, 60.0, 60.0]
 
 
 def test_stopped_tuning_keeps_weights_and_reaches_the_same_file(noisy, tmp_path):
@@ -142,23 +108,21 @@ def test_tuning_keeps_weights_that_another_one_wrote_meanwhile(noisy, monkeypatc
     """It reads, merges and writes while it holds the lock."""
     search, seen = tune.tune_one, []
 
-    def watched(name, function):
+    def watch(name, function):
         def watching(*given):
-            free = ExitStack()
-            with suppress(ValueError), free:
-                free.enter_context(locked(noisy.out / tune.LOCK, wait=False))
-                seen.append((name, "without the lock"))
+            with pytest.raises(ValueError, match="another process"), locked(noisy.out / tune.LOCK, wait=False):
+                seen.append("no lock")
             seen.append(name)
             return function(*given)
 
-        return watching
+        monkeypatch.setattr(tuned, name, watching)
 
     @wraps(search)
     def meanwhile(**arguments):
         monkeypatch.undo()
         tune.tune(replace(noisy, weights=(10.0, 2.0), jobs=noisy.jobs / "others"))
-        for name in ("read_tuned", "write_tuned"):
-            monkeypatch.setattr(tuned, name, watched(name, getattr(tuned, name)))
+        watch("read_tuned", tuned.read_tuned)
+        watch("write_tuned", tuned.write_tuned)
         return search(**arguments)
 
     monkeypatch.setattr(tune, "tune_one", meanwhile)
@@ -167,13 +131,11 @@ def test_tuning_keeps_weights_that_another_one_wrote_meanwhile(noisy, monkeypatc
     assert [*weights_of(noisy)] == ["1", "2", "10"]
 
 
-def test_tune_repeats_a_search_if_anything_else_has_changed(noisy, tmp_path, capsys, monkeypatch):
+def test_tune_repeats_a_search_if_anything_else_has_changed(noisy, tmp_path, monkeypatch):
     """Settings, the task, or the sources on which the stored results of searches depend."""
     contents = [tune.tune(noisy)[0].read_bytes(), tune.tune(replace(noisy, seed=9))[0].read_bytes()]
-    assert "the results at ['1', '4'] have other settings, and are not reused" in capsys.readouterr().out
     (tmp_path / "noisy.toml").write_text(NOISY.replace("[baselines", "tool_mass = 0.2\n[baselines"))
     (path,) = tune.tune(replace(noisy, seed=9))
-    assert "the environment in" in capsys.readouterr().out
     assert len({*contents, path.read_bytes()}) == 3
     path.unlink()
     asked, stored = [], len(kept(noisy.jobs))
@@ -183,81 +145,19 @@ def test_tune_repeats_a_search_if_anything_else_has_changed(noisy, tmp_path, cap
     assert {"impact_gym", "agents.baselines", "agents.evaluate", "agents.tune"} <= {*asked}
 
 
-def test_tune_of_the_shipped_set_ups_searches_nothing():
-    for name, setup in tune.Tune().baselines().items():
-        options = tune.Tune((setup.called,))
-        for found in read_tuned(name, options.folder(setup), setup)["weights"].values():
-            assert found["search"] == options.search(name, setup)
-
-
-def test_tune_uses_a_cluster_even_if_processes_are_given(noisy, monkeypatch):
-    monkeypatch.setitem(sys.modules, "ray", None)
-    with pytest.raises(RuntimeError, match="install the extra `cluster`"):
-        tune.tune(replace(noisy, processes=2, cluster="ray"))
-
-
 @pytest.mark.parametrize("name", ["linear-blind", "bistable-blind"])
 def test_bound_is_below_every_shipped_baseline(name):
     setup = load_setup(name)
     bound, weights = bound_of(setup), setup.evaluation.weights
-    rule, count = Clairvoyant(np.concatenate([bound[weight] for weight in weights])), len(bound[weights[0]])
+    count = len(bound[weights[0]])
     every, options = np.repeat(weights, count), {"copies": len(weights), "time_weight": weights}
-    task = setup.task.changed({"privileged": True})
-    known = ScenarioBatch.of(BOUND_SET, count, task, **options).play(rule).loss(every).reshape(len(weights), -1)
+
+    def losses(rule, task):
+        return ScenarioBatch.of(BOUND_SET, count, task, **options).play(rule).loss(every).reshape(len(weights), -1)
+
+    rule = Clairvoyant(np.concatenate([bound[weight] for weight in weights]))
+    known = losses(rule, setup.task.changed({"privileged": True}))
     for baseline in setup.against:
-        blind = tuned_rule(read_tuned(baseline)).at(every).for_task(setup.task)
-        losses = ScenarioBatch.of(BOUND_SET, count, setup.task, **options).play(blind).loss(every).reshape(known.shape)
-        assert (known.mean(axis=1) < losses.mean(axis=1)).all()
-        assert (np.mean(known < losses, axis=1) > 0.9).all()  # in a scenario a search may end in a local minimum
-
-
-def test_search_bounds_beats_a_blind_profile_and_is_kept(tmp_path):
-    """Unless its file is of another search or another environment."""
-    wanted = tune.Tune(("linear-blind",), weights=(1.0,), processes=0, out=tmp_path, jobs=tmp_path / "jobs")
-    setup, size = load_setup("linear-blind"), {"scenarios": 4, "generations": 25}
-    assert read_bound(setup, tmp_path) == {}
-    (path,) = tune.search_bounds(wanted, **size)
-    parameters = read_bound(setup, tmp_path, generations=25)[1.0]
-    known = ScenarioBatch.of("test", 4, Task(privileged=True), time_weight=[1.0]).play(Clairvoyant(parameters))
-    blind = ScenarioBatch.of("test", 4, time_weight=[1.0]).play(load_baseline("blind-profile", 1.0))
-    assert not known.missed.any()
-    assert known.loss(1.0).mean() < blind.loss(1.0).mean()
-    fastest = np.sqrt(2 * known.scenario["distance"] / 20.0)  # s, at full acceleration
-    assert (known.approach_time > fastest - 0.02).all()  # the tool may swing ahead of the flange
-    for written, found in ((25, 0.5 * parameters), (9, parameters)):
-        write_bound(setup, {1.0: 0.5 * parameters}, tmp_path, generations=written)
-        assert tune.search_bounds(wanted, **size) == [path]
-        assert np.array_equal(read_bound(setup, tmp_path, 25)[1.0], found)
-    refused(lambda: read_bound(setup, tmp_path), "for another environment or other search settings")
-    write_bound(setup, {1.0: parameters}, tmp_path)
-    assert bound_of(setup, tmp_path) == {}  # the weights 0.7, 2 and 4 are missing
-    path.rename(path.with_name("clairvoyant-rigid-blind.npz"))
-    refused(lambda: read_bound(load_setup("rigid-blind"), tmp_path), "for another environment")
-
-
-FRONTS = {power: lambda weight, power=power: 0.35 * weight**-power for power in (0.1, 0.3, 0.6)}
-FRONTS |= {"gap": lambda weight: 0.25 if weight > 0.3 else 0.45}
-
-
-@pytest.mark.parametrize("target", [0.12, 0.3, 0.31, 0.6])
-@pytest.mark.parametrize("front", FRONTS)
-def test_tuned_times_enclose_the_time_of_the_rule(target, front):
-    """Within 5 ms, after eight more weights, if the time is in reach and the front has no gap."""
-    times = {weight: FRONTS[front](weight) for weight in (0.7, 1.0, 2.0, 4.0)}
-    while (weight := tune.next_weight(times, target)) is not None:
-        times[weight] = FRONTS[front](weight)
-    shortest, longest = FRONTS[front](32.0), FRONTS[front](0.125)
-    if front != "gap" and shortest <= target - tune.NEAR <= target + tune.NEAR <= longest:
-        off = target - np.array([*times.values()])
-        assert off[off >= 0.0].min() <= tune.NEAR >= -off[off < 0.0].max()
-    assert len(times) <= (4 + tune.MOST_TRIED if front != "gap" else 50)
-
-
-def test_command_tunes_around_the_time_of_the_rule_if_asked(noisy):
-    setup, gaps = load_setup(noisy.setups[0]), []
-    rule = ScenarioBatch.of("validation", task=setup.task).play(PaperTrapezoid().for_task(setup.task))
-    for asked in (False, True):
-        tune.run(replace(noisy, at_rule_time=asked))
-        gaps.append([abs(each["validation"]["approach_time"] - rule.approach_time.mean())
-                     for each in weights_of(noisy).values()])  # fmt: skip
-    assert min(gaps[1]) < min(gaps[0])
+        blind = losses(tuned_rule(read_tuned(baseline)).at(every).for_task(setup.task), setup.task)
+        assert (known.mean(axis=1) < blind.mean(axis=1)).all()
+        assert (np.mean(known < blind, axis=1) > 0.9).all()  # in a scenario a search may end in a local minimum

@@ -1,22 +1,15 @@
-"""Functions that the tests of jobs call in other processes, each of which writes a line into a log; a Ray cluster."""
+"""Functions that the tests of jobs call in other processes; each writes a line into a log."""
 
 import errno
-import json
 import os
 import signal
-import sys
 import time
 from pathlib import Path
 
 import numpy as np
 
-from agents.jobs import ONE_THREAD, JobsFailedError, cached
+from agents.jobs import ONE_THREAD
 from impact_gym.files import whole_file
-
-
-def _called(log, number):
-    with Path(log).open("a") as file:
-        file.write(f"{number}\n")
 
 
 def calls(log):
@@ -30,20 +23,11 @@ def kept(folder):
 
 def numbers(log, number, seconds=0.0):
     """Return sums of many numbers, whose last bits depend on the order of summation."""
-    _called(log, number)
+    with Path(log).open("a") as file:
+        file.write(f"{number}\n")
     time.sleep(seconds)
     drawn = np.random.default_rng(number).standard_normal((64, 64))
     return {"product": drawn @ drawn.T, "number": number, "threads": [os.environ.get(name, "") for name in ONE_THREAD]}
-
-
-def played(log, number, count):
-    """Play some scenarios of the validation set with the compiled kernels."""
-    from agents.evaluate.play import play  # takes 2 s, and other workers do not need it
-    from impact_gym import kernels
-
-    _called(log, number)
-    scenarios = {"ranges": "train", "seed": 1_000_000 + count * number, "count": count}
-    return {**play({"baseline": "paper-trapezoid"}, scenarios), "where": kernels.__file__}
 
 
 def ends_badly(log, number, how=""):
@@ -59,37 +43,3 @@ def ends_badly(log, number, how=""):
 def finds_no_room(path):
     with whole_file(Path(path)):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-
-def scenarios(folder):
-    return [{"log": str(folder / "log"), "number": number, "count": 25} for number in range(12)]
-
-
-def said(function, arguments, folder, cluster):
-    try:
-        cached(function, arguments, folder, cluster=cluster)
-    except (JobsFailedError, RuntimeError) as error:
-        return str(error)
-
-
-def main():
-    """Run calls on a Ray cluster of this machine, and write the messages of the errors into the folder.
-
-    Ray prints much, and its warnings would fail the tests. So pytest reads only the files that this script writes.
-    """
-    from ray.cluster_utils import Cluster
-
-    folder = Path(sys.argv[1])
-    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 2, "include_dashboard": False})
-    try:
-        cached(played, scenarios(folder), folder / "results", cluster=cluster.address)
-        bad = [{"log": str(folder / "bad"), "number": number, "how": "fails" if number else ""} for number in range(2)]
-        outcome = {"failed": said(ends_badly, bad, folder, cluster.address)}
-    finally:
-        cluster.shutdown()
-    outcome["none"] = said(played, scenarios(folder), folder / "none", "127.0.0.1:1")
-    (folder / "outcome.json").write_text(json.dumps(outcome))
-
-
-if __name__ == "__main__":
-    main()
