@@ -1,30 +1,36 @@
-"""One task behind every front end: each row gives, to the bit, what the single environment of its task gives."""
+"""One task behind every front end, with any number of threads: each gives the bits of the single environment."""
 
 import copy
 import pickle
+import subprocess
+import sys
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from inspect import signature
+from importlib.util import find_spec
 from itertools import product, repeat
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
+import solver_scenes
 import stable_baselines3.common.env_checker as sb3_checker
 from episode_runs import COMMANDED, ID, IDS, TELEOP, Given, action_table, assert_identical, begin, steps
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.spaces import Box
 from gymnasium.utils.env_checker import check_env
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.vector import SyncVectorEnv
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_tasks import CHANNEL, FIXED, OBSERVED, OWN, STORM, rows_of_tasks
-from refusal import refused
+from stable_baselines3.common.save_util import load_from_zip_file
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 import impact_gym as ig
+from experiments.studies import stock
+from impact_gym.envs.batch import ROWS_PER_THREAD
 from impact_gym.envs.objectives import MOImpactApproachVectorEnv
-from impact_gym.envs.single import ImpactApproachEnv
 from impact_gym.envs.vector import ImpactApproachVectorEnv
 from impact_gym.sb3 import ImpactVecEnv
 from impact_gym.task.task import ARGUMENTS
@@ -119,16 +125,14 @@ def test_every_argument_of_a_task_is_in_the_strategy():
     assert {*ARGUMENTS} == {*OWN, *OBSERVED, *MORE}
 
 
+TWINS = st.sampled_from(["itself", "copy", "pickle", "state"])
+
+
 @pytest.mark.parametrize("front", FRONT_ENDS)
 @settings(STORM, max_examples=14)
-@given(
-    rows_of_tasks(), st.booleans(), st.integers(0, 1000), FIXED, st.sampled_from(["itself", "copy", "pickle", "state"])
-)
+@given(rows_of_tasks(), st.booleans(), st.integers(0, 1000), FIXED, TWINS)
 def test_front_end_returns_the_bits_of_a_loop_of_singles(front, rows, equal, seed, fixed, twin):
-    """For any tasks and options of the first reset; a copy may replace the front end in the middle of an episode.
-
-    Spaces, masks of infos and types of arrays are compared, too.
-    """
+    """For any tasks and options of the first reset; a copy may replace the front end in the middle of an episode."""
     rows = rows[:1] * 3 if equal else rows
     exact = front == "single" or equal
     envs, loop = made(front, rows), loop_of(front, rows)
@@ -166,15 +170,11 @@ def test_vector_rewards_are_time_v_p_or_miss_and_force(options):
         assert (total >= env.reference_point - 1e-12).all()
 
 
-@pytest.mark.parametrize(
-    ("id", "options"),
-    [*product(IDS, ({}, HARD)), (f"impact_gym:{ID}", NOISY), *product([TELEOP], ({}, UNSURE))],
-    ids=str,
-)
+CHECKED = [*product(IDS, ({}, HARD)), (f"impact_gym:{ID}", NOISY), *product([TELEOP], ({}, UNSURE))]
+
+
+@pytest.mark.parametrize(("id", "options"), CHECKED, ids=str)
 def test_checkers_of_gymnasium_and_sb3_find_nothing(id, options):
-    for name in ("reset", "step"):
-        own, theirs = (signature(getattr(kind, name)).parameters for kind in (ImpactApproachEnv, gym.Env))
-        assert [(each.name, each.kind) for each in own.values()] == [(each.name, each.kind) for each in theirs.values()]
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         ig.envs.register()  # a second time, which does nothing
@@ -195,16 +195,6 @@ def test_mo_gymnasium_weighs_the_rewards_to_the_scalar_one():
         assert reward == pytest.approx(info["original_reward"])
 
 
-@pytest.mark.parametrize("front", FRONT_ENDS)
-def test_episode_that_ends_on_the_last_step_has_usual_flags(front):
-    envs, loop = (make(front, [{"max_episode_steps": 75}]) for make in (made, loop_of))
-    begin(envs, seed=0), begin(loop, seed=0)
-    for _ in range(75):
-        result, expected = (stepped(front, each, np.float32([[-0.5, 1.0]])) for each in (envs, loop))
-    assert result[2].all()
-    assert_alike(result, expected, True)
-
-
 def test_seeds_and_reset_mask_affect_only_their_slots():
     envs, loop = (make("Disabled", [{}] * 3) for make in (made, loop_of))
     assert_identical(envs.reset(seed=[30, 8, 30])[0], loop.reset(seed=[30, 8, 30])[0])
@@ -218,32 +208,49 @@ def test_seeds_and_reset_mask_affect_only_their_slots():
         assert_identical(after, loop.reset(seed=seed, options={**options, "reset_mask": mask.copy()})[0])
         assert np.array_equal(after[~mask], before[~mask])
     assert_identical(envs.reset()[0], loop.reset()[0])  # each slot goes on with its own generator
-    envs = gym.make_vec(ID, num_envs=3, autoreset_mode="SameStep", **NOISY)
-    envs = gym.make_vec(EnvSpec.from_json(envs.spec.to_json()))
-    assert (envs.num_envs, envs.metadata["autoreset_mode"]) == (3, AutoresetMode.SAME_STEP)
-    assert_identical(envs.reset(), envs.reset(seed=list(envs.np_random_seed)))
 
 
-@pytest.mark.parametrize("make", [partial(gym.make, ID), partial(gym.make_vec, ID), partial(ImpactVecEnv, 2)])
-def test_set_scenario_applies_from_the_next_episode_on(make):
-    env = make(scenario={"distance": 0.2})
-    bare, other = env.unwrapped, {"distance": 0.3, "object_mass": (1.0, 1.1)}
-    for expected in (0.2, 0.3, 0.3):
-        begin(env, seed=0)
-        bare.set_scenario(other)
-        batch = getattr(bare, "_batch", None) or getattr(bare, "envs", bare).batch
-        scenario = batch.info(0)["scenario"]
-        assert (scenario["distance"], 1.0 <= scenario["object_mass"] <= 1.1) == (expected, expected == 0.3)
+def test_set_scenario_applies_from_the_next_episode_on():
+    single, stable = gym.make(ID).unwrapped, ImpactVecEnv(2)
+    for env, change in ((single, single.set_scenario), (stable, partial(stable.env_method, "set_scenario"))):
+        masses = []
+        for scenario in ({"object_mass": 3.0}, {"object_mass": (4.0, 5.0)}, {}):
+            begin(env)
+            change(scenario)
+            masses.append((single.episode_info() if env is single else stable.envs.batch.info(1))["scenario"])
+        first, second, third = (each["object_mass"] for each in masses)
+        assert first < 2.5 < second == 3.0 < 4.0 <= third <= 5.0
 
 
-def test_methods_of_the_batch_for_sb3_are_those_of_all_slots():
-    env = ImpactVecEnv(2)
-    env.env_method("set_scenario", {"distance": 0.4})
-    env.reset()
-    assert env.envs.batch.info()["scenario"]["distance"].tolist() == [0.4, 0.4]
-    assert (env.get_attr("render_mode"), env.env_is_wrapped(gym.Wrapper)) == ([None] * 2, [False] * 2)
-    refused(lambda: env.env_method("set_scenario", "hard", indices=[0]), "set_scenario", "indices", "[0]")
-    own = env.envs.sensors()
-    assert env.env_method("sensors") == [{name: values[row] for name, values in own.items()} for row in (0, 1)]
-    with pytest.raises(IndexError, match="size 2"):
-        env.get_attr("render_mode", 2)
+def worked(seed, threads):
+    """The results of random steps in a batch, and of a scene; each seed has another environment and coupling."""
+    name = (ID, "ImpactApproachBistable-v0", TELEOP)[seed % 3]
+    envs = gym.make_vec(name, num_envs=2 * ROWS_PER_THREAD + 3, threads=threads, force_noise=0.1)
+    rng, kept = np.random.default_rng(seed), [envs.reset(seed=seed)[0]]
+    for _ in range(40):
+        kept += envs.step(rng.uniform(-0.2, 1.0, envs.action_space.shape))[:4]
+    chain = solver_scenes.scene(1e4 * (1 + seed), 0.4, [*solver_scenes.COUPLINGS.values()][seed % 3])
+    outcome = ig.simulate(chain, solver_scenes.MOTION, duration=2.0, trace=True)
+    return [*kept, outcome.object_velocity, outcome.peak_force, *outcome.trace]
+
+
+def test_results_do_not_depend_on_threads():
+    alone = [worked(seed, 1) for seed in range(6)]
+    assert np.sum(alone[0][3:161:4]) > ROWS_PER_THREAD  # episodes that ended
+    with ThreadPoolExecutor(6) as pool:
+        together = list(pool.map(worked, [*range(6)] * 2, [2] * 6 + [3] * 6))
+    assert_identical(together, alone * 2)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(find_spec("rl_zoo3") is None, reason="rl_zoo3 is not installed")
+def test_rl_zoo3_trains_with_the_settings_of_the_study(tmp_path):
+    # rl_zoo3 is not imported here: it replaces Gymnasium's TimeLimit by its own
+    arguments = (f"-m rl_zoo3.train --algo td3 --env {ID} --gym-packages impact_gym -n 4200 --seed 3 --eval-freq -1 "
+                 f"--num-threads 1 --device cpu -conf experiments/studies/stock/td3.yml -f {tmp_path}")  # fmt: skip
+    subprocess.run([sys.executable, *arguments.split()], cwd=Path(__file__).parents[2], check=True, capture_output=True)
+    used = load_from_zip_file(tmp_path / "td3" / f"{ID}_1" / f"{ID}.zip")[0]
+    settings = next(iter(stock.trainings("td3", True, {}))).arguments["settings"]
+    names = ("n_envs", "gamma", "batch_size", "learning_starts", "gradient_steps")
+    assert [used[name] for name in names] == [settings[name] for name in names]
+    assert used["_n_updates"] > 0

@@ -1,6 +1,6 @@
 """Play episodes, alone, in batches and with an operator; the scenes of `simulate` that episodes are."""
 
-from typing import NamedTuple
+from collections import namedtuple
 
 import gymnasium as gym
 import numpy as np
@@ -16,9 +16,7 @@ from impact_gym.task.task import ARGUMENTS
 
 ID, TELEOP = "ImpactApproach-v0", "ImpactTeleop-v0"
 IDS = sorted(name for name in gym.registry if name.startswith("ImpactApproach"))
-SLOTS = 4
-COMMANDED = ("command", "command_age", "is_intervention", "teleop_action", "intervene_action")
-"""Entries of the info of every step, with an operator."""
+COMMANDED = "command", "command_age", "is_intervention", "teleop_action", "intervene_action"  # in info of each step
 ROBOT, PAPERS_SPRING = ig.Robot(5.225, 1.9e5, 50.4), ig.SpringDamper(50.0, 1.0)
 encode = ActionSpec(Task()).encode
 """From velocity (m/s) and acceleration (m/s^2) to the action of `ID`."""
@@ -27,7 +25,7 @@ OWN, STOP, GENTLE = [1.0, 1.0, -1.0], [-1.0, 1.0, -1.0], [1.0, 2.0 * (8.0 - 1.0)
 """Of tasks with an operator: arguments, a scenario, and actions."""
 
 
-def action_table(seed, ticks=160, slots=SLOTS, lean=(0.3, 0.3), task=None):
+def action_table(seed, ticks=160, slots=4, lean=(0.3, 0.3), task=None):
     """Random actions (ticks, slots, n) for a task, each slot with its own mean, so that slots end at other times."""
     rng = np.random.default_rng(seed)
     leans, commands = rng.uniform(*lean, (1, slots, 1)), 3 if (task or {}).get("operator") else 2
@@ -66,12 +64,8 @@ class Given:
         return next(self.left), state
 
 
-class Episode(NamedTuple):
-    """Observations (steps + 1, n_obs), rewards (steps,), and the final info."""
-
-    observations: np.ndarray
-    rewards: np.ndarray
-    info: dict
+Episode = namedtuple("Episode", "observations rewards info")
+"""Observations (steps + 1, n_obs), rewards (steps,), and the final info."""
 
 
 def steps(env, controller, seed=None, **options):
@@ -125,11 +119,6 @@ def scene(scenario, coupling=PAPERS_SPRING, dissipation="hu-guo", friction=0.0):
     contact = ig.Contact(scenario["contact_stiffness"], scenario["restitution"], dissipation)
     target = ig.Object(scenario["object_mass"], scenario["distance"], friction)
     return ig.Scene(ig.Tool(0.125), target, contact, coupling)
-
-
-def scenes_of(played, coupling, **law):
-    rows = zip(*(values.tolist() for values in played.scenario.values()), strict=True)
-    return [scene(dict(zip(played.scenario, row, strict=True)), coupling, **law) for row in rows]
 
 
 def steered(operator, rows=1, **options):

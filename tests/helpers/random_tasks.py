@@ -93,15 +93,11 @@ OWN = {
     **{name: number_or_range(*span) for name, span in SPANS.items() if name not in ESTIMATE},
     "scenario": st.sampled_from(["train", "hard"]) | some_of(SCENARIO),
     "robot": st.sampled_from([None, ROBOT, ig.Robot(2.0, 4e4, 10.0)]) | described("Robot", ARM),
-    "alarm": st.sampled_from(["force", "reading"]),
-    "dissipation": st.sampled_from(["hu-guo", "exact", "fixed"]),
-    "missed_cost": st.floats(0.0, 5.0),
-    "force_weight": st.integers(0, 20).map(lambda share: share / 1000),
-    "control_period": st.floats(0.009, 0.03),
-    "acceleration_range": st.just((0.5, 8.0)),
-    "rtol": st.sampled_from([1e-5, 1e-8, 1e-11]),
-    "max_episode_steps": st.sampled_from([None, 41, 13]),
-}
+    "alarm": st.sampled_from(["force", "reading"]), "dissipation": st.sampled_from(["hu-guo", "exact", "fixed"]),
+    "missed_cost": st.floats(0.0, 5.0), "force_weight": st.integers(0, 20).map(lambda share: share / 1000),
+    "control_period": st.floats(0.009, 0.03), "acceleration_range": st.just((0.5, 8.0)),
+    "rtol": st.sampled_from([1e-5, 1e-8, 1e-11]), "max_episode_steps": st.sampled_from([None, 41, 13]),
+}  # fmt: skip
 """Arguments that may differ between the rows of a batch."""
 OBSERVED = {
     "deflection_sensor": st.booleans(), "privileged": st.integers(0, 2).map(lambda drawn: drawn == 2),
