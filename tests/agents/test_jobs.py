@@ -1,6 +1,7 @@
 """Calls run once and are stored; they run again only if their result is missing or damaged."""
 
 import errno
+import json
 import os
 import re
 import signal
@@ -10,13 +11,17 @@ import time
 from pathlib import Path
 
 import cluster_work
+import numpy as np
 import pytest
 from cluster_work import calls, ends_badly, kept, numbers
 from episode_runs import assert_identical
 
+from agents import jobs
 from agents.command_line import command_line
-from agents.jobs import JobsFailedError, cached
+from agents.jobs import Call, JobsFailedError, cached
 from impact_gym.files import DiskFullError
+
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture
@@ -34,7 +39,17 @@ from agents.jobs import cached
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a background process would ignore it
 cached(cluster_work.numbers, {given!r}, "results", processes=2)
 """
-SOURCES = {"PYTHONPATH": os.pathsep.join(sys.path)}
+ON_RAY = """
+from ray.cluster_utils import Cluster
+import cluster_work
+from agents.jobs import cached
+cluster = Cluster(initialize_head=True, head_node_args={{"num_cpus": 2, "include_dashboard": False}})
+try:
+    cached(cluster_work.played, {given!r}, "results", cluster=cluster.address)
+finally:
+    cluster.shutdown()
+"""
+SOURCES = {"PYTHONPATH": os.pathsep.join(map(str, (ROOT / "tests" / "helpers", ROOT)))}  # instead of installed ones
 
 
 @pytest.mark.slow
@@ -55,22 +70,52 @@ def test_failed_late_and_killed_calls_are_named_and_stored(log, tmp_path):
     """If there is a replacement, else they run again. All others are stored."""
     how = ["", "fails", "killed", "late", ""]
     given = [{"log": str(log), "number": number, "how": each} for number, each in enumerate(how)]
+
+    def instead(each, reason):
+        return each["number"], reason
+
     for _ in range(2):  # the second time no call starts
-        first, *bad, last = cached(
-            ends_badly, given, tmp_path, processes=2, seconds=3.0, failed=lambda each, reason: (each["number"], reason)
-        )
+        first, *bad, last = cached(ends_badly, given, tmp_path, processes=2, seconds=3.0, failed=instead)
         assert (first["number"], last["number"]) == (0, 4)
         assert [number for number, _ in bad] == [1, 2, 3]
         reasons = "no result for 1", "lost, with exit code -9 (out of memory?)", "no answer within 3 s"
         assert all(part in reason for part, (_, reason) in zip(reasons, bad, strict=True))
         assert sorted(calls(log)) == [0, 2, 3, 4]
-    with pytest.raises(JobsFailedError, match=r"8 of 9 jobs failed(.|\n)*Traceback(.|\n)*in ends_badly"):
+    with pytest.raises(JobsFailedError) as raised:
         cached(ends_badly, given[:2] + listed(log, 9, how="fails")[2:], tmp_path, processes=0)
     assert len(kept(tmp_path)) == 5
+    raised.match("8 of 9 jobs failed")
+    raised.match(r'ends_badly {.*"number": 8}: ArithmeticError: no result for 8')
+    raised.match("the first of these raised:\nTraceback(.|\n)*in ends_badly")
+
+
+@pytest.mark.slow
+def test_ray_results_equal_local_ones_to_the_bit(log, tmp_path):
+    """Ray prints much, and its warnings would fail the test: a script runs the calls, and stores their results."""
+    pytest.importorskip("ray", reason="the extra `cluster` is not installed")
+    of_another_cluster = ("RAY_ADDRESS", "RAY_RUNTIME_ENV_HOOK")
+    environment = {name: value for name, value in os.environ.items() if name not in of_another_cluster} | SOURCES
+    environment |= {"RAY_USAGE_STATS_ENABLED": "0", "PYTHONWARNINGS": "default"}
+    command = [sys.executable, "-c", ON_RAY.format(given=listed(log))]
+    with (tmp_path / "printed").open("w") as printed:
+        subprocess.run(command, check=True, cwd=tmp_path, env=environment, timeout=300, stdout=printed, stderr=printed)
+    stored = cached(cluster_work.played, listed(log), tmp_path / "results", processes=0)
+    assert sorted(calls(log)) == [*range(6)]  # only on the cluster
+    computed = cached(cluster_work.played, listed(log), tmp_path / "here", processes=0)
+    assert not {each.pop("where") for each in stored} & {each.pop("where") for each in computed}  # kernels were sent
+    assert_identical(stored, computed)
+
+
+def test_node_with_other_versions_runs_no_call(tmp_path, log):
+    call = Call("cluster_work:numbers", json.dumps(listed(log)[0]), "")
+    assert b"install the same" in jobs.perform(call, {"numpy": "0.1"})
+    assert calls(log) == []
+    assert b"install the same" not in jobs.perform(call, {"numpy": np.__version__})
 
 
 def test_results_have_the_same_bits_in_any_order_and_process(log, tmp_path, monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
     here = cached(numbers, listed(log), tmp_path / "here", processes=0)
     assert calls(log) == list(range(6))
     assert {result.pop("threads")[0] for result in here} == {"7"}
@@ -81,6 +126,7 @@ def test_results_have_the_same_bits_in_any_order_and_process(log, tmp_path, monk
         assert each.pop("threads") == ["1", "1", "1", "1"]
     assert_identical(here, backwards[::-1])
     assert_identical(here, again)
+    assert (os.environ["OMP_NUM_THREADS"], "MKL_NUM_THREADS" in os.environ) == ("7", False)  # of this process
 
 
 def test_equal_calls_run_once_and_each_gets_its_own_copy(log, tmp_path):

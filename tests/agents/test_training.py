@@ -90,6 +90,39 @@ def test_share_of_the_environments_is_nominal():
     assert {each.rtol for each in tasks} == {run.training.rtol} != {run.task.rtol}
 
 
+RECORDED = """[environment]
+operator = { type = "Reach", place_error = [-0.05, 0.05], creep = 0.1 }
+uplink = { trace = "delays.csv" }
+friction = 0.3
+horizon = 8.0
+velocity_range = [-0.3, 0.5]
+[training]
+mixed = [
+  { share = 0.25, operator = { type = "Trapezoid", speed = [0.1, 0.4], reaction = 8.0 } },
+  { share = 0.5, operator = { type = "Replay", time = [0.0, 1.0], velocity = [0.0, 0.3] }, uplink = { delay = 0.2 } },
+]
+"""
+
+
+def test_environments_mix_operators_that_the_critic_sees(tmp_path):
+    """A file of delays lies beside the set-up's file, and the policy keeps the delays."""
+    (tmp_path / "mixed.toml").write_text(RECORDED)
+    (tmp_path / "delays.csv").write_text("time,delay\n0,0.05\n1,0.15\n")
+    run = tiny(tmp_path / "mixed.toml", rollout=8)
+    assert run.task.arguments()["uplink"] == {"trace": [[0.0, 0.05], [1.0, 0.15]]}
+    assert run.made_for()["mixed"][0][1]["operator"]["speed"] == [0.1, 0.4]
+    model, environments = model_of(run)
+    tasks = environments.get_attr("batch", [0])[0].tasks
+    kinds = [type(task.operator).__name__ for task in tasks]
+    assert kinds == ["Reach"] * 4 + ["Trapezoid"] * 4 + ["Replay"] * 8
+    assert [task.uplink.delay for task in tasks] == [0.0] * 8 + [0.2] * 8
+    seen, spec = environments.reset(), environments.venv.observation_spec
+    assert np.ptp(spec.decode(seen, "operator.speed")[4:8]) > 0.01
+    assert np.ptp(spec.decode(seen, "operator.place_error")[:4]) > 0.01
+    model.learn(run.training.round, log_interval=None)
+    assert policy_from(model, run, {}).predict(seen[:, spec.actor])[0].shape == (16, 3)
+
+
 def test_fast_tanh_equals_torchs_and_has_its_gradient():
     values = torch.cat((torch.linspace(-12.0, 12.0, 4001), torch.tensor([-1e4, -0.0, 0.0, 1e4])))
     assert FastTanh()(values).numpy() == pytest.approx(torch.tanh(values).numpy(), rel=0, abs=3e-7)

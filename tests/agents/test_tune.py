@@ -6,12 +6,13 @@ from functools import wraps
 import numpy as np
 import pytest
 from cluster_work import kept
+from refusal import refused
 
 from agents import load_setup, tune
-from agents.baselines import Clairvoyant, ConstantSpeed, tuned
+from agents.baselines import Clairvoyant, ConstantSpeed, PaperTrapezoid, tuned
 from agents.baselines.cmaes import minimise
 from agents.baselines.rule import Parameter
-from agents.baselines.tuned import BOUND_SET, bound_of, read_tuned, tuned_rule
+from agents.baselines.tuned import BOUND_SET, bound_of, load_baseline, read_bound, read_tuned, tuned_rule, write_bound
 from agents.evaluate.scenario_batch import ScenarioBatch
 from impact_gym.files import locked
 from impact_gym.task import Task
@@ -161,3 +162,45 @@ def test_bound_is_below_every_shipped_baseline(name):
         blind = losses(tuned_rule(read_tuned(baseline)).at(every).for_task(setup.task), setup.task)
         assert (known.mean(axis=1) < blind.mean(axis=1)).all()
         assert (np.mean(known < blind, axis=1) > 0.9).all()  # in a scenario a search may end in a local minimum
+
+
+def test_search_bounds_beats_a_blind_profile_and_is_kept(tmp_path):
+    """Unless its file is of another search or another environment."""
+    wanted = tune.Tune(("linear-blind",), weights=(1.0,), processes=0, out=tmp_path, jobs=tmp_path / "jobs")
+    setup, size = load_setup("linear-blind"), {"scenarios": 4, "generations": 25}
+    (path,) = tune.search_bounds(wanted, **size)
+    parameters = read_bound(setup, tmp_path, generations=25)[1.0]
+    known = ScenarioBatch.of("test", 4, Task(privileged=True), time_weight=[1.0]).play(Clairvoyant(parameters))
+    blind = ScenarioBatch.of("test", 4, time_weight=[1.0]).play(load_baseline("blind-profile", 1.0))
+    assert known.loss(1.0).mean() < blind.loss(1.0).mean()
+    fastest = np.sqrt(2 * known.scenario["distance"] / 20.0)  # s, at full acceleration
+    assert (known.approach_time > fastest - 0.02).all()  # the tool may swing ahead of the flange
+    for written, found in ((25, 0.5 * parameters), (9, parameters)):
+        write_bound(setup, {1.0: 0.5 * parameters}, tmp_path, generations=written)
+        assert tune.search_bounds(wanted, **size) == [path]
+        assert np.array_equal(read_bound(setup, tmp_path, 25)[1.0], found)
+    path.rename(path.with_name("clairvoyant-rigid-blind.npz"))
+    refused(lambda: read_bound(load_setup("rigid-blind"), tmp_path, 25), "for another environment")
+
+
+@pytest.mark.parametrize("target", [0.12, 0.3, 0.31, 0.6])
+@pytest.mark.parametrize("power", [0.1, 0.3, 0.6])
+def test_tuned_times_enclose_the_time_of_the_rule(target, power):
+    """Within 5 ms, after at most eight more weights, if the time is in reach."""
+    times = {weight: 0.35 * weight**-power for weight in (0.7, 1.0, 2.0, 4.0)}
+    while (weight := tune.next_weight(times, target)) is not None:
+        times[weight] = 0.35 * weight**-power
+    assert len(times) <= 4 + tune.MOST_TRIED
+    if 0.35 * 32.0**-power <= target - tune.NEAR <= target + tune.NEAR <= 0.35 * 0.125**-power:
+        off = target - np.array([*times.values()])
+        assert off[off >= 0.0].min() <= tune.NEAR >= -off[off < 0.0].max()
+
+
+def test_command_tunes_around_the_time_of_the_rule_if_asked(noisy):
+    setup, gaps = load_setup(noisy.setups[0]), []
+    rule = ScenarioBatch.of("validation", task=setup.task).play(PaperTrapezoid().for_task(setup.task))
+    for asked in (False, True):
+        tune.run(replace(noisy, at_rule_time=asked))
+        gaps.append([abs(each["validation"]["approach_time"] - rule.approach_time.mean())
+                     for each in weights_of(noisy).values()])  # fmt: skip
+    assert min(gaps[1]) < min(gaps[0])

@@ -12,6 +12,11 @@ from agents.jobs import ONE_THREAD
 from impact_gym.files import whole_file
 
 
+def _called(log, number):
+    with Path(log).open("a") as file:
+        file.write(f"{number}\n")
+
+
 def calls(log):
     """Return the numbers of the started calls, in their order."""
     return [*map(int, Path(log).read_text().split())] if Path(log).exists() else []
@@ -23,11 +28,20 @@ def kept(folder):
 
 def numbers(log, number, seconds=0.0):
     """Return sums of many numbers, whose last bits depend on the order of summation."""
-    with Path(log).open("a") as file:
-        file.write(f"{number}\n")
+    _called(log, number)
     time.sleep(seconds)
     drawn = np.random.default_rng(number).standard_normal((64, 64))
     return {"product": drawn @ drawn.T, "number": number, "threads": [os.environ.get(name, "") for name in ONE_THREAD]}
+
+
+def played(log, number):
+    """Play some scenarios with the compiled kernels."""
+    from agents.evaluate.play import play  # takes 2 s, and other workers do not need it
+    from impact_gym import kernels
+
+    _called(log, number)
+    scenarios = {"ranges": "train", "seed": 1_000_000 + 25 * number, "count": 25}
+    return {**play({"baseline": "paper-trapezoid"}, scenarios), "where": kernels.__file__}
 
 
 def ends_badly(log, number, how=""):
