@@ -16,11 +16,11 @@ from agents.evaluate.scenario_batch import TUNING_SEED, ScenarioBatch, Travel
 from agents.setups import load_setup
 from experiments.design.__main__ import design
 from experiments.design.findings import chart
-from experiments.design.options import CHOSEN, FRONT, PAPER, DesignOptions, write_setup
+from experiments.design.options import CHOSEN, FRONT, PAPER, DesignOptions
 from experiments.design.pads import PADS, on_pad, pad_of
 from experiments.design.search import PENALTY, Candidate, Limits, SearchBudget, objective, play
 from experiments.design.study import PAPERS_RULE, Search, study_of
-from experiments.design.variables import SearchVariable, as_built, search_variables
+from experiments.design.variables import SearchVariable, as_built
 from experiments.lab.study import Run, StudyOptions
 from impact_gym.task import Task
 
@@ -83,13 +83,12 @@ def test_excess_is_the_sum_of_shares_beyond_the_limits():
     played = stage.play(BlindProfile(PROFILE), watch=travel)
     peak, twice = np.quantile(played.peak_force, 0.95), (played.contact_count > 1).mean()
     assert 0.0 < twice < 0.5
-    values = {"deflection": travel.deflection.max(), "stroke": travel.stroke.max(), "peak_force": peak}
 
     def excess(pad=None, **limits):
         return Limits(**{"deflection": None, **limits}).excess(played, travel, pad=pad)
 
-    assert excess() == 0.0
-    for name, value in values.items():
+    limited = {"deflection": travel.deflection.max(), "stroke": travel.stroke.max(), "peak_force": peak}
+    for name, value in limited.items():
         assert excess(**{name: value / 1.5}) == pytest.approx(0.5)
         assert excess(**{name: value * 1.01}) == 0.0
     assert excess(touched_once=1.0 - twice / 2) == pytest.approx(1.0)
@@ -108,25 +107,11 @@ def test_play_draws_each_design_within_its_tolerance():
     alone = ScenarioBatch.of("validation", None, Task().changed(design), threads=1).play(BlindProfile(PROFILE))
     exact, built = (frame["object_velocity"].to_numpy() for frame in (exact, built))
     assert np.array_equal(exact, alone.object_velocity)
-    changes = built / exact - 1.0
-    assert (changes != 0.0).all()
-    assert np.abs(np.median(changes)) < np.quantile(np.abs(changes), 0.99) < 0.5
+    assert (built != exact).all()
     soft = play({**candidate, "pad": "neoprene"}, 0.0, "validation", {})
     through_pad = on_pad("neoprene", alone.scenario["contact_stiffness"], alone.scenario["restitution"])
     for name, values in zip(("contact_stiffness", "restitution"), through_pad, strict=True):
         assert soft[name].to_numpy() == pytest.approx(values)
-
-
-def test_wide_range_is_searched_by_ratio_from_the_set_up_on():
-    for text, start, logarithmic in (
-        ("coupling.stiffness=20:80", 50.0, True),  # of linear-blind
-        ("coupling.stiffness=100:400", 200.0, True),  # which is not in it
-        ("coupling.damping_ratio=0.5:2", 1.0, False), ("coupling.damping_ratio=0.2:2", 1.0, True),
-        ("coupling.damping_ratio=0:3", 1.0, False),
-    ):  # fmt: skip
-        (variable,) = search_variables([text], load_setup("linear-blind"))
-        assert variable.logarithmic is logarithmic
-        assert variable.value(variable.parameter().start) == pytest.approx(start)
 
 
 @pytest.fixture
@@ -136,14 +121,12 @@ def small(tmp_path):
     return DesignOptions("linear-blind", spring, tmp_path / "out", times=(1.3, 1.0), **few)
 
 
-def test_stopped_study_continues_to_a_set_up_and_a_page(small, capsys):
+def test_stopped_study_continues_to_a_set_up_and_a_page(small):
     options = small.checked()  # with sorted times
-    assert replace(options, times=(0.5, 1.2)).typical == 1.2
     begun = Run(study_of(options), StudyOptions(small.out, processes=0), "the command")
     assert len(begun["searches"]) == 4  # stopped here
     before = kept(small.out)
     design(small)
-    assert capsys.readouterr().out.splitlines()[-1].startswith("results: file:")
     assert kept(small.out).items() >= before.items()
     run = Run(study_of(options), StudyOptions(small.out, processes=0))
     assert run["searches"].equals(begun["searches"])
@@ -171,11 +154,6 @@ def test_stopped_study_continues_to_a_set_up_and_a_page(small, capsys):
     assert setup.environment["coupling"]["stiffness"] == chosen.design["coupling.stiffness"]
     assert setup.environment["tool_mass"] == small.arm.environment["tool_mass"]
     assert setup.training == load_setup("linear-blind").training
-    padded = write_setup(small.out / "padded.toml", small.arm, replace(chosen, pad="memory-foam"), "")
-    through_pad = load_setup(padded).environment["scenario"]
-    corners = [on_pad("memory-foam", stiffness, e) for stiffness in (1e3, 1e6) for e in (0.1, 1.0)]
-    for name, values in zip(("contact_stiffness", "restitution"), zip(*corners, strict=True), strict=True):
-        assert through_pad[name] == pytest.approx([min(values), max(values)])
 
 
 def plays(velocity, time, excess=0.0, missed=0, **labels):
@@ -187,7 +165,6 @@ def plays(velocity, time, excess=0.0, missed=0, **labels):
 
 
 @pytest.mark.parametrize(("played", "seed"), [
-    ([(0.20, 0.30), (0.19, 0.30)], 2),
     ([(0.20, 0.30), (0.19, 0.306)], 1),  # 2 % later
     ([(0.20, 0.30), (0.10, 0.28, 0.1)], 1),  # a tenth beyond a limit
     ([(0.20, 0.30, 0.2), (0.19, 0.30, 0.1)], 2),

