@@ -1,17 +1,79 @@
-"""What a report says of made-up results, whose numbers follow by hand: choice, answer, ablation, robustness."""
+"""Statistics of studies, and what a report says of made-up results, whose numbers follow by hand."""
 
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 import numpy as np
 import polars as pl
 import pytest
 from made_up_matchup import COUNT, PAPER_TIME, SPEEDS, played, run
+from matplotlib.figure import Figure
 
-from agents.setups import load_setup
+from agents.evaluate.play import pairs
 from agents.setups.evaluation import Evaluation
+from experiments.lab import charts, grid
+from experiments.lab.page import typeset
+from experiments.lab.parts import percent
+from experiments.lab.statistics import Comparison, Estimate, Resamples, along, estimate, tolerated
 from experiments.report import answer, choice, holds, tables
 from experiments.report.ablation import links, sentence, steps_of, table
 from experiments.report.matchups import PAPER, POLICY
+from impact_gym.render import palette
+
+
+@pytest.mark.parametrize(("of_seeds", "of_scenarios", "scenarios"), [(1.0, 0.0, 40), (0.3, 5.0, 40), (1.0, 1.0, 10)])
+def test_resamples_vary_with_seeds_and_scenarios(of_seeds, of_scenarios, scenarios):
+    """x = a_seed + b_scenario: the variance of the mean is var(a) / seeds + var(b) / scenarios, both unbiased."""
+    rng = np.random.default_rng(1)
+    seeds, drawn = 10, rng.standard_normal(scenarios)
+    a, b = of_seeds * drawn[:seeds], of_scenarios * drawn[:scenarios]  # resampled independently, though alike
+    values, resamples = a[:, None] + b, Resamples(scenarios, resamples=20_000)
+    means = resamples.means(values)
+    assert means[0] == pytest.approx(a.mean() + b.mean())
+    assert means[1:].var() == pytest.approx(a.var(ddof=1) / seeds + b.var(ddof=1) / scenarios, rel=0.05)
+    both = resamples.means(np.stack([values, 2.0 * values], axis=1))  # weights are between seeds and scenarios
+    assert both == pytest.approx(np.stack([means, 2.0 * means], axis=1))
+
+
+def test_comparison_cancels_what_is_shared():
+    hard = np.random.default_rng(2).uniform(1.0, 10.0, 500)
+    recipe = Comparison.of_means(np.tile(0.4 * hard, (7, 1)), hard)
+    assert astuple(recipe.ratio) == pytest.approx((0.4, 0.4, 0.4))
+    assert astuple(recipe.reduction) == pytest.approx((0.6, 0.6, 0.6))
+    assert astuple(Comparison.of_means(hard - 0.25, hard).less) == pytest.approx((0.25, 0.25, 0.25))
+
+
+def test_estimates_and_curves_are_read_as_by_hand():
+    with_gap = estimate(np.concatenate([[1.0], np.linspace(0.0, 2.0, 101), [np.nan, np.inf]]))  # without a value
+    assert astuple(-with_gap) == pytest.approx((-1.0, -1.95, -0.05))
+    x, y = np.tile([3.0, 1.0, 2.0], (4, 1)), np.tile([9.0, 1.0, 4.0], (4, 1))
+    assert along(x, y, np.array([1.5, 2.75, 0.0, 5.0])) == pytest.approx([2.5, 7.75, 1.0, 9.0])
+
+
+@pytest.mark.parametrize(("n", "factor"), [(5, 4.203), (10, 2.911), (30, 2.220), (50, 2.065)])
+def test_tolerated_has_the_factor_of_the_tables(n, factor):
+    """One-sided, 95 % content and confidence: M. G. Natrella, Experimental Statistics, NBS Handbook 91, table A-7."""
+    scores = np.random.default_rng(6).normal(3.0, 2.0, n)
+    assert (scores.mean() - tolerated(scores)) / scores.std(ddof=1) == pytest.approx(factor, abs=6e-4)
+    assert np.isnan(tolerated(scores[:1]))
+
+
+def test_cost_charges_time_and_misses_of_the_environment():
+    scenarios = {"ranges": pairs({"distance": [0.2, 1.5]}), "seed": 1, "count": 20}
+    rows = grid.play({"baseline": "paper-trapezoid"}, {"missed_cost": 5.0}, scenarios, [1.0, 3.0])
+    assert 0 < rows["missed"].sum() < len(rows) == 40
+    by_hand = rows["object_velocity"] + rows["weight"] * rows["approach_time"] + 5.0 * rows["missed"]
+    assert rows["cost"].to_numpy() == pytest.approx(by_hand.to_numpy())
+
+
+def test_texts_and_charts_are_typeset(tmp_path):
+    assert typeset("V_p [1, 2] < N/m^1.5") == "V<sub>p</sub> [1,\N{NO-BREAK SPACE}2] &lt; N/m<sup>1.5</sup>"
+    assert percent(Estimate(0.1234, 0.1, 0.2)) == "12.3 % [10.0, 20.0]"
+    figure = Figure()
+    figure.subplots().plot([0, 1], color=palette.POLICY)
+    drawn, again = (charts.save(figure, tmp_path / f"{k}.svg").read_text() for k in range(2))
+    assert drawn == again
+    assert "dc:date" not in drawn
+    assert f"--policy: {palette.COLOURS['policy'][1].lower()};" in drawn  # on a dark page
 
 
 def said(results):
@@ -150,23 +212,10 @@ def test_failure_needs_two_standard_errors_or_two_misses(surplus, missed, facts)
     _, worst, details = holds.where_it_fails(results, "seed-0")
     assert [fact for fact in facts if fact not in worst] == []
     assert ("Worse than" in details, "misses 2 of 100" in details) == (surplus > 1.0, missed == 2)
-    (_, _, cells), (_, _, at_worst) = holds.heat_map(results).rows
+    (_, _, cells), _ = holds.heat_map(results).rows
     assert [(cell.value, 9.0 * cell.ratio) for cell in cells] == [("9.00", 9.0), ("1.00", 1.0), ("2.00", 2.0)]
-    assert (at_worst[2].value, at_worst[2].note) == ("2.00", "unchanged")
     last = ("tool mass", "0.3 kg", POLICY, f"{0.5 + 0.02 * missed:.4f}", "0.5000", "0.0000", f"{missed} of 100")
     assert tuple(holds.table(results).rows[-1]) == last  # a miss costs 2 m/s
-
-
-def test_slides_and_durations_are_of_both_contestants():
-    results = played(("local-brake",), **load_setup("teleop-rigid").environment)
-    for k, runs in enumerate((results.seeds, results.baselines)):
-        for name, each in runs.items():
-            same = ((value,) * len(each.weights) for value in (1.0, 3.0))
-            more = {"slide": 0.1 * (k + 1), "done_time": 2.0 + k, "touch_time": 1.0}
-            runs[name] = run(*same, each.weights, **more)
-    text = answer.assisted(results)
-    assert "10.0 cm and 2.0 s with the learned policy" in text
-    assert "20.0 cm and 3.0 s with the local brake" in text
 
 
 @pytest.mark.parametrize(("policy", "profile", "limits", "number", "gap"), [
@@ -192,15 +241,13 @@ def test_steps_claim_only_what_is_read_at_the_rules_time(policy, profile, limits
         assert (shares == [None] * 3) == ("later" in gap) == ([step.velocity.less for step in steps] == [None] * 3)
 
 
-@pytest.mark.parametrize(("names", "noise", "added"), [
-    (("profile", "evenly", "constant"), None,
-     ["the arm's limits", "knowing where objects can stand", "the profile's shape", "learning"]),
-    (("over", "range", "profile", "constant"), 0.01,
-     ["the arm's limits", "knowing where objects can stand and the profile's shape", "the estimate",
-      "a profile over the estimate", "learning"]),
-])  # fmt: skip
-def test_links_join_the_next_step_without_a_baseline(names, noise, added):
-    results = played(names, range_noise=noise)
-    assert [link.added for link in links(results)][1:] == added
+def test_links_join_the_next_step_without_a_baseline():
+    at_rest, place = "the arm's limits", "knowing where objects can stand"
+    for names, noise, added in (
+        (("profile", "evenly", "constant"), None, [at_rest, place, "the profile's shape", "learning"]),
+        (("over", "range", "profile", "constant"), 0.01,
+         [at_rest, f"{place} and the profile's shape", "the estimate", "a profile over the estimate", "learning"]),
+    ):  # fmt: skip
+        assert [link.added for link in links(played(names, range_noise=noise))][1:] == added
     two_of_a_rule = links(played(("profile", "other")))
     assert [link.contestant for link in two_of_a_rule] == [PAPER, "profile", POLICY]  # the main baseline comes first
