@@ -1,26 +1,26 @@
 """Designs: laws of pads and of a tool in flight, limits, and the study, which continues and chooses by validation."""
 
+import itertools
 import re
 from dataclasses import asdict, replace
 
 import numpy as np
 import polars as pl
 import pytest
-from cluster_work import kept
 from scipy.optimize import brentq
 
 import impact_gym as ig
-from agents.baselines import BlindProfile, ConstantSpeed
+from agents.baselines import BlindProfile
 from agents.baselines.tuned import read_tuned
 from agents.evaluate.scenario_batch import TUNING_SEED, ScenarioBatch, Travel
 from agents.setups import load_setup
 from experiments.design.__main__ import design
 from experiments.design.findings import chart
-from experiments.design.options import CHOSEN, FRONT, PAPER, DesignOptions, write_setup
+from experiments.design.options import CHOSEN, FRONT, PAPER, DesignOptions
 from experiments.design.pads import PADS, on_pad, pad_of
 from experiments.design.search import PENALTY, Candidate, Limits, SearchBudget, objective, play
 from experiments.design.study import PAPERS_RULE, Search, study_of
-from experiments.design.variables import SearchVariable, as_built, search_variables
+from experiments.design.variables import SearchVariable, as_built
 from experiments.lab.study import Run, StudyOptions
 from impact_gym.task import Task
 
@@ -30,34 +30,18 @@ PROFILE = list(read_tuned("blind-profile")["weights"]["2"]["parameters"].values(
 @pytest.mark.parametrize("name", PADS)
 def test_pad_and_object_are_two_springs_in_series(name):
     pad, restitution = pad_of(name), 0.8
-    for stiffness in (1e3, 1e5, 1e7):
+    for stiffness, force in itertools.product((1e3, 1e5, 1e7), (0.1, 10.0)):
         together, rebound = on_pad(name, stiffness, restitution)
-        for force in (0.1, 10.0):
-            penetration = brentq(lambda x, k=together, f=force: k * x**1.5 - f, 0.0, 1.0, xtol=1e-16)
-            pressed = [(force / k) ** (2 / 3) for k in (pad.stiffness, stiffness)]
-            assert penetration == pytest.approx(sum(pressed))
-            stored = 0.4 * force * np.array(pressed)
-            lost = stored @ [1.0 - pad.restitution**2, 1.0 - restitution**2]
-            assert (1.0 - rebound**2) * stored.sum() == pytest.approx(lost)
-    assert on_pad(name, 1e-6, 0.7) == pytest.approx((1e-6, 0.7), rel=1e-4)  # an object far softer, far stiffer
-    assert on_pad(name, 1e18, 0.7) == pytest.approx((pad.stiffness, pad.restitution), rel=1e-4)
+        penetration = brentq(lambda x, k=together, f=force: k * x**1.5 - f, 0.0, 1.0, xtol=1e-16)
+        pressed = [(force / k) ** (2 / 3) for k in (pad.stiffness, stiffness)]
+        assert penetration == pytest.approx(sum(pressed))
+        stored = 0.4 * force * np.array(pressed)
+        lost = stored @ [1.0 - pad.restitution**2, 1.0 - restitution**2]
+        assert (1.0 - rebound**2) * stored.sum() == pytest.approx(lost)
     material = ig.MATERIALS[name]  # the pad is a dome of it
     edges = [4 / 3 * E / (1 - nu**2) * pad.radius**0.5 for E in material.young for nu in material.poisson]
     assert min(edges) * (1 - 1e-12) <= pad.stiffness <= max(edges) * (1 + 1e-12)
     assert pad.restitution == max(material.restitution)
-
-
-@pytest.mark.parametrize(("stiffness", "damping_ratio"), [(300.0, 0.2), (120.0, 0.0), (80.0, 1.0)])
-def test_travel_is_that_of_a_spring_at_constant_acceleration(stiffness, damping_ratio):
-    """After half a period it overshoots m a / k by exp(-pi zeta / sqrt(1 - zeta^2))."""
-    coupling = {"type": "SpringDamper", "stiffness": stiffness, "damping_ratio": damping_ratio}
-    environment = {"coupling": coupling, "scenario": {"distance": 0.5}, "acceleration_range": [1.0, 5.0]}
-    travel = Travel(4)
-    rule = ConstantSpeed(1.5, 5.0).for_task(Task(**environment))
-    ScenarioBatch(TUNING_SEED, 4, rule.task, threads=1).play(rule, watch=travel)
-    over = np.exp(-np.pi * damping_ratio / np.sqrt(1.0 - damping_ratio**2)) if damping_ratio < 1.0 else 0.0
-    assert travel.deflection == pytest.approx(0.125 * 5.0 / stiffness * (1.0 + over), rel=0.01)
-    assert (travel.stroke >= travel.deflection).all()
 
 
 def test_search_allows_for_more_than_the_tolerance():
@@ -82,51 +66,29 @@ def test_excess_is_the_sum_of_shares_beyond_the_limits():
     stage, travel = ScenarioBatch(TUNING_SEED, 40, threads=1), Travel(40)
     played = stage.play(BlindProfile(PROFILE), watch=travel)
     peak, twice = np.quantile(played.peak_force, 0.95), (played.contact_count > 1).mean()
-    assert 0.0 < twice < 0.5
-    values = {"deflection": travel.deflection.max(), "stroke": travel.stroke.max(), "peak_force": peak}
 
-    def excess(pad=None, **limits):
-        return Limits(**{"deflection": None, **limits}).excess(played, travel, pad=pad)
+    def excess(**limits):
+        return Limits(**{"deflection": None, **limits}).excess(played, travel, pad=None)
 
-    assert excess() == 0.0
-    for name, value in values.items():
+    limited = {"deflection": travel.deflection.max(), "stroke": travel.stroke.max(), "peak_force": peak}
+    for name, value in limited.items():
         assert excess(**{name: value / 1.5}) == pytest.approx(0.5)
         assert excess(**{name: value * 1.01}) == 0.0
     assert excess(touched_once=1.0 - twice / 2) == pytest.approx(1.0)
     assert excess(touched_once=0.5) == 0.0
-    pad = pad_of("norbornene")  # may be pressed in by half its radius
-    soft = pad._replace(stiffness=peak / (0.6 * pad.radius) ** 1.5)
-    assert excess(soft) == pytest.approx(0.2)
-    assert excess(soft._replace(stiffness=10.0 * soft.stiffness)) == 0.0
 
 
 def test_play_draws_each_design_within_its_tolerance():
     design = {"coupling.stiffness": 80.0, "coupling.damping_ratio": 0.4}
     assert as_built({"coupling.rear_stop": -0.02}, 0.05) == {"coupling.rear_stop": pytest.approx([-0.021, -0.019])}
     candidate = asdict(Candidate({}, "BlindProfile", PROFILE, design))
-    exact, built = (play(candidate, share, "validation", {}) for share in (0.0, 0.05))
     alone = ScenarioBatch.of("validation", None, Task().changed(design), threads=1).play(BlindProfile(PROFILE))
-    exact, built = (frame["object_velocity"].to_numpy() for frame in (exact, built))
-    assert np.array_equal(exact, alone.object_velocity)
-    changes = built / exact - 1.0
-    assert (changes != 0.0).all()
-    assert np.abs(np.median(changes)) < np.quantile(np.abs(changes), 0.99) < 0.5
+    assert (play(candidate, 0.0, "validation", {})["object_velocity"].to_numpy() == alone.object_velocity).all()
+    assert (play(candidate, 0.05, "validation", {})["object_velocity"].to_numpy() != alone.object_velocity).all()
     soft = play({**candidate, "pad": "neoprene"}, 0.0, "validation", {})
     through_pad = on_pad("neoprene", alone.scenario["contact_stiffness"], alone.scenario["restitution"])
     for name, values in zip(("contact_stiffness", "restitution"), through_pad, strict=True):
         assert soft[name].to_numpy() == pytest.approx(values)
-
-
-def test_wide_range_is_searched_by_ratio_from_the_set_up_on():
-    for text, start, logarithmic in (
-        ("coupling.stiffness=20:80", 50.0, True),  # of linear-blind
-        ("coupling.stiffness=100:400", 200.0, True),  # which is not in it
-        ("coupling.damping_ratio=0.5:2", 1.0, False), ("coupling.damping_ratio=0.2:2", 1.0, True),
-        ("coupling.damping_ratio=0:3", 1.0, False),
-    ):  # fmt: skip
-        (variable,) = search_variables([text], load_setup("linear-blind"))
-        assert variable.logarithmic is logarithmic
-        assert variable.value(variable.parameter().start) == pytest.approx(start)
 
 
 @pytest.fixture
@@ -136,20 +98,14 @@ def small(tmp_path):
     return DesignOptions("linear-blind", spring, tmp_path / "out", times=(1.3, 1.0), **few)
 
 
-def test_stopped_study_continues_to_a_set_up_and_a_page(small, capsys):
+def test_stopped_study_continues_to_a_set_up_and_a_page(small):
     options = small.checked()  # with sorted times
-    assert replace(options, times=(0.5, 1.2)).typical == 1.2
     begun = Run(study_of(options), StudyOptions(small.out, processes=0), "the command")
     assert len(begun["searches"]) == 4  # stopped here
-    before = kept(small.out)
     design(small)
-    assert capsys.readouterr().out.splitlines()[-1].startswith("results: file:")
-    assert kept(small.out).items() >= before.items()
     run = Run(study_of(options), StudyOptions(small.out, processes=0))
     assert run["searches"].equals(begun["searches"])
     rows = pl.read_csv(small.out / "summary.csv")
-    lines = rows.filter(pl.col("line") != FRONT).select("line", "allowed").rows()
-    assert lines == [(PAPER, 1.0), *((name, time) for name in (CHOSEN, "paper's spring") for time in (1.0, 1.3))]
     of_both = rows.filter(pl.col("line").is_in([PAPER, CHOSEN]))
     of_paper, *curve = of_both.select("approach_time", "object_velocity").rows()
     gain = 1.0 - np.interp(of_paper[0], *zip(*sorted(curve), strict=True)) / of_paper[1]
@@ -171,11 +127,6 @@ def test_stopped_study_continues_to_a_set_up_and_a_page(small, capsys):
     assert setup.environment["coupling"]["stiffness"] == chosen.design["coupling.stiffness"]
     assert setup.environment["tool_mass"] == small.arm.environment["tool_mass"]
     assert setup.training == load_setup("linear-blind").training
-    padded = write_setup(small.out / "padded.toml", small.arm, replace(chosen, pad="memory-foam"), "")
-    through_pad = load_setup(padded).environment["scenario"]
-    corners = [on_pad("memory-foam", stiffness, e) for stiffness in (1e3, 1e6) for e in (0.1, 1.0)]
-    for name, values in zip(("contact_stiffness", "restitution"), zip(*corners, strict=True), strict=True):
-        assert through_pad[name] == pytest.approx([min(values), max(values)])
 
 
 def plays(velocity, time, excess=0.0, missed=0, **labels):
@@ -187,10 +138,8 @@ def plays(velocity, time, excess=0.0, missed=0, **labels):
 
 
 @pytest.mark.parametrize(("played", "seed"), [
-    ([(0.20, 0.30), (0.19, 0.30)], 2),
     ([(0.20, 0.30), (0.19, 0.306)], 1),  # 2 % later
     ([(0.20, 0.30), (0.10, 0.28, 0.1)], 1),  # a tenth beyond a limit
-    ([(0.20, 0.30, 0.2), (0.19, 0.30, 0.1)], 2),
     ([(0.20, 0.30), (0.19, 0.30, 0.0, 1)], 1),  # a miss of 40 costs 2 / 40 m/s, and has no V_p
     ([(0.20, 0.30), (0.15, 0.30, 0.0, 1)], 2),
 ])  # fmt: skip

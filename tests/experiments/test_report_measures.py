@@ -1,19 +1,79 @@
-"""What a report says of made-up results, whose numbers follow by hand: choice, answer, ablation, robustness."""
+"""Statistics of studies, and what a report says of made-up results, whose numbers follow by hand."""
 
-import re
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 import numpy as np
 import polars as pl
 import pytest
 from made_up_matchup import COUNT, PAPER_TIME, SPEEDS, played, run
+from matplotlib.figure import Figure
 
-from agents.setups import load_setup
+from agents.evaluate.play import pairs
 from agents.setups.evaluation import Evaluation
+from experiments.lab import charts, grid
+from experiments.lab.page import typeset
+from experiments.lab.parts import percent
+from experiments.lab.statistics import Comparison, Estimate, Resamples, along, estimate, tolerated
 from experiments.report import answer, choice, holds, tables
 from experiments.report.ablation import links, sentence, steps_of, table
 from experiments.report.matchups import PAPER, POLICY
-from experiments.report.played import Run
+from impact_gym.render import palette
+
+
+@pytest.mark.parametrize(("of_seeds", "of_scenarios", "scenarios"), [(1.0, 0.0, 40), (0.3, 5.0, 40), (1.0, 1.0, 10)])
+def test_resamples_vary_with_seeds_and_scenarios(of_seeds, of_scenarios, scenarios):
+    """x = a_seed + b_scenario: the variance of the mean is var(a) / seeds + var(b) / scenarios, both unbiased."""
+    rng = np.random.default_rng(1)
+    seeds, drawn = 10, rng.standard_normal(scenarios)
+    a, b = of_seeds * drawn[:seeds], of_scenarios * drawn[:scenarios]  # resampled independently, though alike
+    values, resamples = a[:, None] + b, Resamples(scenarios, resamples=20_000)
+    means = resamples.means(values)
+    assert means[0] == pytest.approx(a.mean() + b.mean())
+    assert means[1:].var() == pytest.approx(a.var(ddof=1) / seeds + b.var(ddof=1) / scenarios, rel=0.05)
+    both = resamples.means(np.stack([values, 2.0 * values], axis=1))  # weights are between seeds and scenarios
+    assert both == pytest.approx(np.stack([means, 2.0 * means], axis=1))
+
+
+def test_comparison_cancels_what_is_shared():
+    hard = np.random.default_rng(2).uniform(1.0, 10.0, 500)
+    recipe = Comparison.of_means(np.tile(0.4 * hard, (7, 1)), hard)
+    assert astuple(recipe.ratio) == pytest.approx((0.4, 0.4, 0.4))
+    assert astuple(recipe.reduction) == pytest.approx((0.6, 0.6, 0.6))
+    assert astuple(Comparison.of_means(hard - 0.25, hard).less) == pytest.approx((0.25, 0.25, 0.25))
+
+
+def test_estimates_and_curves_are_read_as_by_hand():
+    with_gap = estimate(np.concatenate([[1.0], np.linspace(0.0, 2.0, 101), [np.nan, np.inf]]))  # without a value
+    assert astuple(-with_gap) == pytest.approx((-1.0, -1.95, -0.05))
+    x, y = np.tile([3.0, 1.0, 2.0], (4, 1)), np.tile([9.0, 1.0, 4.0], (4, 1))
+    assert along(x, y, np.array([1.5, 2.75, 0.0, 5.0])) == pytest.approx([2.5, 7.75, 1.0, 9.0])
+
+
+@pytest.mark.parametrize(("n", "factor"), [(5, 4.203), (10, 2.911), (30, 2.220), (50, 2.065)])
+def test_tolerated_has_the_factor_of_the_tables(n, factor):
+    """One-sided, 95 % content and confidence: M. G. Natrella, Experimental Statistics, NBS Handbook 91, table A-7."""
+    scores = np.random.default_rng(6).normal(3.0, 2.0, n)
+    assert (scores.mean() - tolerated(scores)) / scores.std(ddof=1) == pytest.approx(factor, abs=6e-4)
+    assert np.isnan(tolerated(scores[:1]))
+
+
+def test_cost_charges_time_and_misses_of_the_environment():
+    scenarios = {"ranges": pairs({"distance": [0.2, 1.5]}), "seed": 1, "count": 20}
+    rows = grid.play({"baseline": "paper-trapezoid"}, {"missed_cost": 5.0}, scenarios, [1.0, 3.0])
+    assert 0 < rows["missed"].sum() < len(rows) == 40
+    by_hand = rows["object_velocity"] + rows["weight"] * rows["approach_time"] + 5.0 * rows["missed"]
+    assert rows["cost"].to_numpy() == pytest.approx(by_hand.to_numpy())
+
+
+def test_texts_and_charts_are_typeset(tmp_path):
+    assert typeset("V_p [1, 2] < N/m^1.5") == "V<sub>p</sub> [1,\N{NO-BREAK SPACE}2] &lt; N/m<sup>1.5</sup>"
+    assert percent(Estimate(0.1234, 0.1, 0.2)) == "12.3 % [10.0, 20.0]"
+    figure = Figure()
+    figure.subplots().plot([0, 1], color=palette.POLICY)
+    drawn, again = (charts.save(figure, tmp_path / f"{k}.svg").read_text() for k in range(2))
+    assert drawn == again
+    assert "dc:date" not in drawn
+    assert f"--policy: {palette.COLOURS['policy'][1].lower()};" in drawn  # on a dark page
 
 
 def said(results):
@@ -29,9 +89,8 @@ def test_compared_weights_are_those_of_evaluation_and_policy():
 
 def test_of_equals_the_simplest_is_taken():
     results = played(("profile", "constant", "local-brake"))
-    everyone = (*results.matchup.baselines, results.matchup.policy)
-    order = [each.name for each in sorted(everyone, key=choice.simplicity)]
-    assert order == [PAPER, "local-brake", "constant", "profile", "seed-0"]
+    everyone = sorted((*results.matchup.baselines, results.matchup.policy), key=choice.simplicity)
+    assert [each.name for each in everyone] == [PAPER, "local-brake", "constant", "profile", "seed-0"]
     noise = np.random.default_rng(1).normal(0.0, 0.1, 400)
     for gain, name in ((0.0, "profile"), (0.005, "profile"), (0.03, "policy")):  # m/s; standard error 0.1 / 20 m/s
         costs = {"rule": np.full(400, 2.0), "profile": np.ones(400), "policy": 1.0 - gain + noise - noise.mean()}
@@ -57,8 +116,8 @@ def test_choice_is_made_elsewhere_and_judged_here():
 
 
 @pytest.mark.parametrize(("off", "rule", "rival"), [
-    (-1.0, "less than the paper's rule", "more"), (0.001, "no clear difference", "does not differ clearly"),
-    (-0.001, "no clear difference", "does not differ clearly"), (1.0, "more here than the paper's rule", "less here"),
+    (-1.0, "less than the paper's rule", "more"), (1.0, "more here than the paper's rule", "less here"),
+    (-0.001, "no clear difference", "does not differ clearly"),
 ])  # fmt: skip
 def test_difference_is_claimed_only_beyond_its_interval(off, rule, rival):
     """The learned policy was taken; here it costs `off` m/s more than all others, with a standard error of 0.04 m/s."""
@@ -80,7 +139,6 @@ def test_difference_is_claimed_only_beyond_its_interval(off, rule, rival):
     ((0.2, 0.4), (0.3, 0.2), ["80.0 % [80.0, 80.0] slower"], "80 % slower"),  # just as late
     ((0.2, 0.4), (0.27, 0.2), ["10.0 % less time", "80.0 % [80.0, 80.0] slower", "about 0.74 "], "80 % slower"),
     ((0.2, 0.4), (0.5, 0.33), ["10.0 % more time", "60.0 % [60.0, 60.0] slower", "about 2.3 "], "60 % slower"),
-    ((1.2, 1.4), (0.4, 0.2), ["30.0 % [30.0, 30.0] faster"], "30 % faster"),
     ((0.8, 1.4), (0.4, 0.2), ["10.0 % [10.0, 10.0] faster", "11.1 % [11.1, 11.1] more time"], "10 % faster"),
 ])  # fmt: skip
 def test_answer_says_what_a_curve_does_not_reach(shares, times, numbers, headline):
@@ -90,8 +148,6 @@ def test_answer_says_what_a_curve_does_not_reach(shares, times, numbers, headlin
     assert [number for number in numbers if number not in long] == []
     assert headline in short
     assert result.reached == len(result.each) == (times[1] <= PAPER_TIME <= times[0])
-    assert result.beyond == ("slower" if shares[1] < 1.0 else "faster" if shares[0] > 1.0 else "")
-    assert tables.answered(result, results).rows[3][1] in long or result.beyond == "faster"
     for soonest, late in ((0.301, True), (0.299, False)):  # s; at first later at every weight
         results.baselines["profile"] = run((0.4, 0.6), (0.5, soonest))
         result, long, _ = said(results)
@@ -126,8 +182,7 @@ def test_answer_follows_from_the_points_of_each_curve():
 def test_chart_has_times_below_and_speeds_beside():
     (axes,) = tables.trade_off(played()).figure.axes
     assert ("time" in axes.get_xlabel(), "V_p" in axes.get_ylabel()) == (True, True)
-    points = {line.get_label(): line.get_xydata() for line in axes.lines}
-    mean = SPEEDS.mean()
+    points, mean = {line.get_label(): line.get_xydata() for line in axes.lines}, SPEEDS.mean()
     assert points[PAPER] == pytest.approx(np.array([[PAPER_TIME, mean]]))
     assert points[POLICY] == pytest.approx(np.array([[0.4, 0.2 * mean], [0.2, 0.4 * mean]]))
 
@@ -154,39 +209,13 @@ def test_failure_needs_two_standard_errors_or_two_misses(surplus, missed, facts)
         missing = (episodes < missed) & (name == "seed-0") & (change == list(losses)[-1])
         rows = {"episode": episodes, "object_velocity": velocity, "approach_time": np.zeros(100), "missed": missing}
         results.varied.append((cell.labels, pl.DataFrame(rows | {"cost": velocity + 2.0 * missing})))
-    called, worst, details = holds.where_it_fails(results, "seed-0")
-    assert called == "the learned policy"
+    _, worst, details = holds.where_it_fails(results, "seed-0")
     assert [fact for fact in facts if fact not in worst] == []
     assert ("Worse than" in details, "misses 2 of 100" in details) == (surplus > 1.0, missed == 2)
-    (_, _, cells), (_, tried, at_worst) = holds.heat_map(results).rows
-    assert re.findall(r"\S+ kg", tried) == ["0.2 kg", "0.3 kg"]
-    assert [cell.value for cell in cells] == ["9.00", "1.00", "2.00"]
-    assert [cell.ratio for cell in cells] == pytest.approx([1.0, 1.0 / 9.0, 2.0 / 9.0])
-    assert (at_worst[2].value, at_worst[2].note) == ("2.00", "unchanged")
+    (_, _, cells), _ = holds.heat_map(results).rows
+    assert [(cell.value, 9.0 * cell.ratio) for cell in cells] == [("9.00", 9.0), ("1.00", 1.0), ("2.00", 2.0)]
     last = ("tool mass", "0.3 kg", POLICY, f"{0.5 + 0.02 * missed:.4f}", "0.5000", "0.0000", f"{missed} of 100")
     assert tuple(holds.table(results).rows[-1]) == last  # a miss costs 2 m/s
-
-
-def test_measures_have_slides_durations_and_deflections():
-    results = played(("local-brake",), **load_setup("teleop-rigid").environment)
-    for k, runs in enumerate((results.seeds, results.baselines)):
-        for name, each in runs.items():
-            more = {"slide": 0.1 * (k + 1), "done_time": 2.0 + k, "touch_time": 1.0, "taken": 0.5}
-            runs[name] = run((1.0,) * len(each.weights), (3.0,) * len(each.weights), each.weights, **more)
-    results.as_late = {"seed-0": replace(results.policy, weights=(2.0,))}
-    text = answer.assisted(results)
-    assert "10.0 cm and 2.0 s with the learned policy" in text
-    assert "20.0 cm and 3.0 s with the local brake" in text
-    measured = tables.measures(results)
-    row = dict(zip(measured.head, measured.rows[-2], strict=True))
-    assert (row["slide (m)"], row["until the touch (s)"], row["taken"]) == ("0.100", "1.000", "0.500")
-    way = {"before": np.linspace(0.0, 0.01, 21)[None], "in_all": np.linspace(0.0, 0.02, 21)[None]}
-    results.travelled = {"seed-0": Run((2.0,), way)}
-    rows = {row[0]: dict(zip(tables.measures(results).head, row, strict=True)) for row in tables.measures(results).rows}
-    deflections = [
-        rows[name]["deflection (mm): 95 % before the touch, largest"] for name in (PAPER, f"{POLICY}, w = 2")
-    ]
-    assert deflections == ["-", "10, 20"]  # 95 % of 0 to 10 mm, rounded; the largest
 
 
 @pytest.mark.parametrize(("policy", "profile", "limits", "number", "gap"), [
@@ -194,7 +223,6 @@ def test_measures_have_slides_durations_and_deflections():
     (run((0.2, 0.4)), run((0.5, 0.6), (0.25, 0.2)), ["", "at least ", "at most "], "at least 28.6 %", "50 ms sooner"),
     (run((0.2, 0.4)), run((0.4, 0.5), (0.5, 0.35)), ["", "", ""], "V_p + 2 T", "50 ms later"),
     (run((0.2, 0.4), missed=1), run((0.4, 0.6)), ["", "", ""], None, ""),  # more than one in a hundred
-    (run((0.9, 1.1)), run((0.4, 0.6)), ["", "", ""], None, ""),  # nothing is gained
     (run((0.5, 0.7)), run((0.1, 0.3)), ["", "", ""], None, ""),  # the profile gains more than the policy
     (run((0.3, 0.4), (0.25, 0.2)), run((0.4, 0.6)), ["", "", "at least "], None, ""),  # the whole gain is unknown
 ])  # fmt: skip
@@ -213,21 +241,13 @@ def test_steps_claim_only_what_is_read_at_the_rules_time(policy, profile, limits
         assert (shares == [None] * 3) == ("later" in gap) == ([step.velocity.less for step in steps] == [None] * 3)
 
 
-PLACE = "knowing where objects can stand and the profile's shape"
-
-
-@pytest.mark.parametrize(("names", "noise", "added"), [
-    ((), None, [f"the arm's limits and {PLACE} and learning"]),
-    (("profile", "evenly", "constant"), None,
-     ["the arm's limits", "knowing where objects can stand", "the profile's shape", "learning"]),
-    (("over", "range", "profile", "constant"), 0.01,
-     ["the arm's limits", PLACE, "the estimate", "a profile over the estimate", "learning"]),
-])  # fmt: skip
-def test_links_join_the_next_step_without_a_baseline(names, noise, added):
-    results = played(names, range_noise=noise)
-    assert [link.added for link in links(results)][1:] == added
-    assert bool(sentence(steps_of(results))) == (len(added) > 1)
-    alone = steps_of(played(()))[-1].velocity.value  # the other contestants change no number of the policy
-    assert steps_of(results)[-1].velocity.value == alone
+def test_links_join_the_next_step_without_a_baseline():
+    at_rest, place = "the arm's limits", "knowing where objects can stand"
+    for names, noise, added in (
+        (("profile", "evenly", "constant"), None, [at_rest, place, "the profile's shape", "learning"]),
+        (("over", "range", "profile", "constant"), 0.01,
+         [at_rest, f"{place} and the profile's shape", "the estimate", "a profile over the estimate", "learning"]),
+    ):  # fmt: skip
+        assert [link.added for link in links(played(names, range_noise=noise))][1:] == added
     two_of_a_rule = links(played(("profile", "other")))
     assert [link.contestant for link in two_of_a_rule] == [PAPER, "profile", POLICY]  # the main baseline comes first

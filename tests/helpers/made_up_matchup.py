@@ -17,19 +17,14 @@ RULES = {
 SHARES = {"constant": (0.6, 0.8), "profile": (0.4, 0.6)}  # of SPEEDS, at 0.4 s and at 0.2 s
 
 
-def run(shares, times=(0.4, 0.2), weights=WEIGHTS, missed=0, count=COUNT, **more):
-    """A contestant whose V_p at each weight is a share of SPEEDS, after an approach of that weight's time (s).
-
-    `more` results have the same value in every episode.
-    """
-    missing = np.zeros((len(shares), count), bool)
+def run(shares, times=(0.4, 0.2), weights=WEIGHTS, missed=0):
+    """A contestant whose V_p at each weight is a share of SPEEDS, after an approach of that weight's time (s)."""
+    missing = np.zeros((len(shares), COUNT), bool)
     missing[:, :missed] = True
-    velocity, time = (np.multiply.outer(values, SPEEDS[:count] ** power) for values, power in ((shares, 1), (times, 0)))
-    results = {"peak_force": 1.0, "contact_count": 1, **more}
-    results = {name: np.full(missing.shape, value) for name, value in results.items()}
-    scenario = dict.fromkeys(FIELDS, SPEEDS[:count])
-    results |= {"object_velocity": velocity, "approach_time": time, "missed": missing}
-    return Run(weights, results | scenario)
+    velocity, time = np.multiply.outer(shares, SPEEDS), np.multiply.outer(times, np.ones(COUNT))
+    results = {"object_velocity": velocity, "approach_time": time, "missed": missing}
+    results |= {"peak_force": np.ones(missing.shape), "contact_count": np.ones(missing.shape)}
+    return Run(weights, results | dict.fromkeys(FIELDS, SPEEDS))
 
 
 def played(names=("profile", "constant"), seeds=((0.2, 0.4),), varied=None, **environment):
