@@ -22,9 +22,11 @@ from episode_runs import ID, all_finite, begin
 from made_up_policies import made_up_policy
 from own_set_up import TEXT
 from random_tasks import EVERYTHING_DRAWN
+from recorded_hits import FORCE, MOTION, SCENE, SCENE_FILE, TIME
 from refusal import refused
 from refused_calls import MAKERS, set_up_file
 
+import impact_gym as ig
 from agents import archive, load_policy, load_setup
 from agents.export.c_header import header, identifier
 from agents.export.replay import LANGUAGES, WARNINGS
@@ -34,6 +36,8 @@ from agents.policies.policy import FORMAT
 from experiments.report.__main__ import ReportOptions, write
 from impact_gym import validation
 from impact_gym.files import locked, write_file
+from impact_gym.identify import log as logs_of
+from impact_gym.identify.__main__ import parse
 from impact_gym.task import evaluation_sets
 
 PLAIN = [  # values in a file
@@ -60,6 +64,9 @@ SETUP["training"] |= {"time_weight": [0.5, 8.0], "nominal": 0.5, "teacher": "min
 SETUP["training"]["imitation_steps"] = SETUP["training"]["steps"]
 SETUP["baselines"] |= {"against": ["mine"], "tuned": {"mine": {"rule": "Ranged"}}, "bound": "linear-blind"}
 SETUP["evaluation"] |= {"nominal": {"robot": "rigid"}, "varied": {"tool_mass": {"times": [0.8]}, "robot": ["rigid"]}}
+VECTOR = {"num_envs": 2, "threads": 1, "autoreset_mode": "SameStep", "max_episode_steps": 9, "tool_mass": 0.2,
+          "per_slot": [{"tool_mass": 0.1}, {"coupling": {"type": "Rigid"}}]}  # fmt: skip
+LOG, MEASURED = {"time": TIME[::5].tolist(), "force": FORCE[::5].tolist()}, tomllib.loads(SCENE_FILE)
 POLICY, BATCH = made_up_policy(), gym.make_vec(ID, num_envs=2)
 CONTENT, ARRAYS = Ensemble([made_up_policy(sizes=(3,))], 0).packed()
 
@@ -69,8 +76,16 @@ def read_policy(content):
     return load_policy("it.npz")
 
 
+def read_log(source):
+    log = logs_of.read(source, "log")
+    logs_of.check(log, SCENE, MOTION, dict.fromkeys(log.columns, ig.Sensor()))
+
+
 BORDERS = {
     "make": (ARGUMENTS, ANY, lambda tree: gym.make(ID, **tree).reset(seed=0)[0]),
+    "make a batch": (VECTOR, ANY, lambda tree: gym.make_vec(ID, **tree).reset(seed=0)[0]),
+    "scene": (MEASURED, PLAIN, lambda tree: parse(tree, ("contact.stiffness",))),
+    "log": (LOG, ANY, read_log),
     "actions": ({"action": [[0.4, -0.2]] * 2}, ANY, lambda tree: list(BATCH.step(tree.get("action"))[:2])),
     "set-up": (SETUP, PLAIN, lambda tree: set_up_file(**tree)),
     "policy": (CONTENT, PLAIN, lambda tree: read_policy(tree).predict(np.zeros(8))[0]),
