@@ -102,6 +102,7 @@ def test_play_as_late_has_the_rules_mean_time():
     arm = {"velocity_range": [-0.2, 1.2], "acceleration_range": [1.0, 10.0]}
     scenarios, validation = ({"set": name, "count": 200} for name in ("test", "validation"))
     policy, rule = matchups.of_setup(load_setup("linear-blind"), scenarios).policy, {"baseline": "paper-trapezoid"}
+    assert (policy.weights[0], policy.weights[-1]) == load_setup("linear-blind").training.time_weight
     late = jobs.play_as_late(policy.controller, arm, scenarios, policy.weights)
     ours = play(policy.controller, validation, [float(late["weight"][0])], arm)
     chosen, other = (play(rule, each, environment=arm) for each in (validation, scenarios))

@@ -8,15 +8,16 @@ import pytest
 from made_up_matchup import COUNT, PAPER_TIME, SPEEDS, played, run
 from matplotlib.figure import Figure
 
+from agents import load_setup
 from agents.evaluate.play import pairs
 from agents.setups.evaluation import Evaluation
 from experiments.lab import charts, grid
 from experiments.lab.page import typeset
 from experiments.lab.parts import percent
 from experiments.lab.statistics import Comparison, Estimate, Resamples, along, estimate, tolerated
-from experiments.report import answer, choice, holds, tables
+from experiments.report import answer, choice, holds, jobs, tables
 from experiments.report.ablation import links, sentence, steps_of, table
-from experiments.report.matchups import PAPER, POLICY
+from experiments.report.matchups import PAPER, POLICY, Contestant, quick_look_note
 from impact_gym.render import palette
 
 
@@ -87,6 +88,17 @@ def test_compared_weights_are_those_of_evaluation_and_policy():
         assert replace(played().matchup, evaluation=Evaluation(weights=given)).weights == compared
 
 
+@pytest.mark.parametrize(("steps", "budget", "said"), [(1.0, 1.0, 0), (0.5, 1.0, 1), (1.0, 0.5, 1), (0.5, 0.5, 2)])
+def test_shorter_training_or_tuning_is_called_a_quick_look(steps, budget, said):
+    setup = load_setup("linear-blind")
+    about, few = {"settings": {"steps": int(steps * setup.training.steps)}}, int(budget * setup.budget)
+    weights = {weight: {"search": {"budget": each}} for weight, each in (("1", few), ("2", setup.budget))}
+    note = quick_look_note(setup, about, [Contestant("blind-profile", {"tuned": {"weights": weights}}, (1.0, 2.0), "")])
+    shortfalls = (f"trained for {about['settings']['steps']:,} steps", f"tuned with {few:,} candidates")
+    assert sum(each in note for each in shortfalls) == said
+    assert ("A QUICK LOOK" in note) == (said > 0)
+
+
 def test_of_equals_the_simplest_is_taken():
     results = played(("profile", "constant", "local-brake"))
     everyone = sorted((*results.matchup.baselines, results.matchup.policy), key=choice.simplicity)
@@ -102,6 +114,14 @@ def test_choice_is_made_elsewhere_and_judged_here():
     results.choosing["constant"] = run((0.1, 0.1), missed=COUNT)  # a miss costs 2 m/s
     results.seeds["seed-0"] = run((0.2, 0.4), missed=3)
     ours, rival = 0.4 * SPEEDS.mean() + 0.4 + 2.0 * 3 / COUNT, 0.6 * SPEEDS.mean() + 0.4  # at w = 2, after 0.2 s
+    matchup = replace(results.matchup, scenarios={"set": "test", "count": 9})
+    asked = {where: arguments["scenarios"] for where, _, arguments in jobs.jobs_of(matchup)}
+    assert asked["seeds"] == asked["baselines"] == matchup.scenarios
+    assert (asked["choosing"].get("set"), asked["choosing"]["seed"], asked["choosing"]["count"]) == (
+        None,
+        60_000_000,
+        2000,
+    )
     found = choice.choice(results)
     assert (found.controller, found.time_weight, found.missed) == ("seed-0", 2.0, 3)
     assert (found.cost.value, found.above["profile"].value) == pytest.approx((ours, rival / ours - 1.0))
@@ -216,6 +236,24 @@ def test_failure_needs_two_standard_errors_or_two_misses(surplus, missed, facts)
     assert [(cell.value, 9.0 * cell.ratio) for cell in cells] == [("9.00", 9.0), ("1.00", 1.0), ("2.00", 2.0)]
     last = ("tool mass", "0.3 kg", POLICY, f"{0.5 + 0.02 * missed:.4f}", "0.5000", "0.0000", f"{missed} of 100")
     assert tuple(holds.table(results).rows[-1]) == last  # a miss costs 2 m/s
+
+
+def test_worst_change_comes_first_and_misses_count_by_share():
+    results = played(varied={"tool_mass": [0.125, 0.2], "alarm_threshold": [1.0, 3.0]})
+    more, missing = {"0.2 kg": 0.3, "3 N": 0.6}, {"0.2 kg": 3, "3 N": 4}
+    for cell in holds.cells(results.matchup, {"set": "test", "count": 100}):
+        setting, ours = cell.labels["setting"], cell.labels["contestant"] == "seed-0"
+        episodes = np.arange(50 if setting == "0.2 kg" else 100)
+        cost = np.full(len(episodes), 1.0 + more.get(setting, 0.0) * ours)
+        rows = {"episode": episodes, "object_velocity": cost, "approach_time": 0.0 * cost, "cost": cost}
+        results.varied.append(
+            (cell.labels, pl.DataFrame(rows | {"missed": (episodes < missing.get(setting, 0)) & ours}))
+        )
+    _, worst, details = holds.where_it_fails(results, "seed-0")
+    assert worst.startswith("tool mass. At 0.2 kg it is worse than the ")
+    assert worst.endswith("it misses 3 of 50 objects.")
+    assert "3 N" not in worst
+    assert 0 < details.index(holds.factor("alarm_threshold")) < details.index("tool mass")
 
 
 @pytest.mark.parametrize(("policy", "profile", "limits", "number", "gap"), [
