@@ -204,7 +204,12 @@ def commands_by_hand(policy, readings, weight, by_reading):
 def test_faulty_readings_are_treated_as_the_contract_says(faulty, careless, name):
     subject, weight = faulty[name], 2.0
     said, by_reading = {key: json.loads(value) for key, value in subject.contract.items()}, "alarm" in FAULTY[name]
-    assert ("the alarm is on or off as read" if by_reading else "the alarm stays on") in said["missing"]
+    for part in ("not later than before, repeats the last command", "(NaN or infinite) keeps its last value",
+                 "before the first value a number is 0",
+                 "the alarm is on or off as read" if by_reading else "the alarm stays on"):  # fmt: skip
+        assert part in said["missing"]  # as `commands_by_hand` computes
+    for part in ("clipped to the range of its input", "a missing one (NaN or infinite) becomes the smallest"):
+        assert part in said["resets"]
     place = subject.spec.ids.index("time_weight")
     least, most = (said[f"input {place:02}"][side] for side in ("low", "high"))
     for seed in range(3):
