@@ -47,7 +47,7 @@ test: setup  ## run the tests; OPTIONS="-m slow" runs the slow ones
 	$(PYTEST) $(OPTIONS)
 
 core: $(CORE)  ## run the tests that need no extra, and install only what they need
-	$(PYTEST) tests/physics tests/solver tests/task tests/test_simulation.py
+	$(PYTEST) tests/physics tests/task tests/robot tests/test_paper.py tests/test_simulation.py $(wildcard tests/solver/test_[!a]*.py)
 
 setup: $(WHOLE)  ## make .venv and install everything that is pinned
 

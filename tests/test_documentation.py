@@ -36,7 +36,7 @@ SLOW = {module for name, module in MODULES.items() if name not in ("check", "pol
 SLOW.add("experiments.loop")
 """Modules that run for minutes, which have tests of their own."""
 ELSEWHERE = {"git", "source", "tensorboard", "cleanrl/ppo_continuous_action.py", "rl_zoo3.train"}
-"""Programs of others; tests/envs/test_ecosystem.py runs rl_zoo3."""
+"""Programs of others; tests/envs/test_front_ends.py runs rl_zoo3."""
 NEEDS = {
     "deploy-c.md": "onnxruntime", "mujoco.md": "mujoco", "README.md": "stable_baselines3",
     "libraries.md": "stable_baselines3",

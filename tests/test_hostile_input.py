@@ -226,6 +226,9 @@ def test_file_is_written_through_links_and_over_nothing_else(tmp_path):
     for text in ("first", "second"):
         write_file(tmp_path / "link to link", text)
         assert (os.listdir(tmp_path / "there"), (tmp_path / "there/it.txt").read_text()) == (["it.txt"], text)
+    with (tmp_path / "link").open() as reader:
+        write_file(tmp_path / "link", "third")
+        assert reader.read() == "second"  # who reads a file while it is written gets all of what was there
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "ring").symlink_to("ring")
     (tmp_path / "link to a pipe").symlink_to("pipe")

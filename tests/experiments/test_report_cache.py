@@ -118,14 +118,15 @@ def test_recommended_controller_is_exported_for_the_users_arm(mine, tmp_path):
     (out / "report").mkdir()
     for best, source in (
         (PAPER, "paper-trapezoid"), ("mine-profile", out / "tuned" / "mine-profile.json"),
-        ("seed-1", out / "policies" / "mine.npz"),
+        ("seed-1", out / "policies" / "mine.npz"), ("local-brake", "local-brake"),
     ):  # fmt: skip
         (out / "report" / "results.json").write_text(json.dumps({"choices": {"mine": {"controller": best}}}))
         found = exporting(copy, options)
         assert (found.controller, found.setup) == (str(source), None if best == "seed-1" else str(copy))
     rule = of_name("paper-trapezoid", load_setup(str(copy)))
     assert (rule.task.velocity_range, rule.task.tool_mass) == ((-0.2, 0.6), load_setup(mine).task.tool_mass)
-    (_, tuning), _, (_, page) = stages(copy, options).values()
+    (_, tuning), (_, training), (_, page) = stages(copy, options).values()
+    assert (training.seeds, training.out, training.policies) == (2, out / "runs", out / "policies")
     assert (tuning.weights, page.time_weight) == ((1.0, 3.0, 4.0), 3.0)
     change(mine, "weights = [1.0, 4.0]", "weights = [1.0, 3.0]")
     refused(lambda: copy_setup(load_setup(mine), out), "another version of mine.toml")

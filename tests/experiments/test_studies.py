@@ -91,6 +91,19 @@ def test_kept_cells_are_measured_again_if_outdated(study, tmp_path, monkeypatch)
         assert (tmp_path / "log").read_text().splitlines() == times * ["1 2", "10"]
 
 
+def test_failed_cell_is_a_row_with_its_own_labels(study, tmp_path):
+    """Of the cells of a table the second fails: its numbers are words."""
+    log = str(tmp_path / "log")
+    cells = [Cell({"kind": str(kind)}, {"numbers": [kind], "log": log}) for kind in (1, "two", 3)]
+    table = replace(
+        study.measurements[0], cells=lambda *_: cells, failed=lambda labels: {"of": f"cell {labels['kind']}"}
+    )
+    rows = Run(replace(study, measurements=(table,)), StudyOptions(tmp_path / "out", processes=0))["squares"]
+    assert rows["square"].to_list() == [1, None, 9]
+    assert rows["of"].to_list() == [None, "cell two", None]
+    assert "TypeError" in rows["failure"][1]
+
+
 def test_page_and_tables_are_of_the_newest_run(study, tmp_path):
     frames = run(study, tmp_path / "out", only=("cubes",))
     assert frames["squares"].rows() == [("small", 1, 1), ("small", 2, 4), ("large", 10, 100)]

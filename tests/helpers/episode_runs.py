@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence
 from impact_gym.kernels import PACKET
-from stable_baselines3.common.vec_env import VecEnv
 
 import impact_gym as ig
 from impact_gym.envs.batch import Batch
@@ -105,7 +104,7 @@ def task_of(env):
 
 def begin(env, seed=None, options=None):
     """Reset any front end; return the observations."""
-    if not isinstance(env, VecEnv):
+    if not hasattr(env, "set_options"):  # as a batch of stable-baselines3 has
         return env.reset(seed=seed, options=options)[0]
     if options is not None:
         env.set_options(options)
