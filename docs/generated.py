@@ -1,7 +1,9 @@
 """Write the generated parts of the pages (tables, listings, pictures), and convert formulas to MathML for MkDocs.
 
 `python docs/generated.py` writes the pictures in docs/pictures. In each page, it replaces the text between
-`<!-- generated: NAME -->` and `<!-- end -->` by the return value of TEXTS[NAME], or by the content of the file NAME.
+`<!-- generated: NAME -->` and `<!-- end -->` by the return value of TEXTS[NAME], or by the content of the file NAME;
+`<!-- results: NAME -->` is followed by the table of docs/results/NAME.csv, and `<!-- cell: NAME | ROW | COLUMN -->` by
+a number of this table, without its interval (with `<!-- interval: ... -->`, the interval as well).
 MkDocs calls `on_page_content` and `on_post_build`.
 """
 
@@ -10,7 +12,7 @@ import html
 import inspect
 import io
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -26,6 +28,7 @@ from PIL import Image
 import impact_gym as ig
 from agents.baselines import PaperTrapezoid
 from agents.setups import load_setup, shipped
+from experiments.lab import results
 from impact_gym.envs import IDS
 from impact_gym.envs.single import ImpactApproachEnv
 from impact_gym.envs.teleop import ImpactTeleopEnv
@@ -34,7 +37,8 @@ from impact_gym.quantities import SCENARIO
 from impact_gym.task.scenario import NAMED
 
 DOCS = Path(__file__).parent
-REGION = re.compile(r"(<!-- generated: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
+REGION = re.compile(r"(<!-- (generated|results): (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
+NUMBER = re.compile(r"(<!-- (cell|interval): ([^|]+?) \| ([^|]+?) \| (.+?) -->).*?(<!-- end -->)")
 GREY, BLUE, ORANGE, GREEN = "#808080", "#0072B2", "#D55E00", "#009E73"  # legible on a light and on a dark page
 STYLE = {
     "axes.edgecolor": GREY, "axes.labelcolor": GREY, "xtick.color": GREY, "ytick.color": GREY, "text.color": GREY,
@@ -47,16 +51,32 @@ def filled(markdown: str) -> str:
     """Return a page with its generated parts up to date."""
 
     def region(found: re.Match[str]) -> str:
-        name = found[2]
-        text = TEXTS[name]() if name in TEXTS else f"```python\n{(DOCS.parent / name).read_text()}```"
-        return f"{found[1]}\n{text}\n\n{found[3]}"
+        opening, kind, name, end = found.groups()
+        text = shown(name) if kind == "results" else TEXTS[name]() if name in TEXTS else listing(name)
+        return f"{opening}\n{text}\n\n{end}"
 
-    return REGION.sub(region, markdown)
+    def number(found: re.Match[str]) -> str:
+        opening, kind, *place, end = found.groups()
+        text = results.cell(*place)
+        return opening + (text if kind == "interval" else text.partition(" [")[0]) + end
+
+    return NUMBER.sub(number, REGION.sub(region, markdown))
+
+
+def listing(name: str) -> str:
+    """Return the content of a file of Python as a block."""
+    return f"```python\n{(DOCS.parent / name).read_text()}```"
+
+
+def shown(name: str) -> str:
+    """Return the table of docs/results/NAME.csv, and the command that made it."""
+    about, found = results.read(name)
+    return f"{table('|'.join(found.head), found.rows)}\n\n(`{about['command']}`, {about['date']})"
 
 
 def write() -> None:
     """Update the generated parts of all pages, and write the pictures in docs/pictures."""
-    for page in sorted(DOCS.rglob("*.md")):
+    for page in (DOCS.parent / "README.md", *sorted(DOCS.rglob("*.md"))):
         page.write_text(filled(page.read_text()))
     (DOCS / "pictures").mkdir(exist_ok=True)
     with mpl.rc_context(STYLE):
@@ -83,7 +103,7 @@ def on_post_build(config: Any, **_: Any) -> None:
         page.write_text(re.sub(r"https://[^\"]*/iframe-worker/shim", f"{root}search.js", page.read_text()))
 
 
-def table(head: str, rows: list[list[str]]) -> str:
+def table(head: str, rows: Sequence[Sequence[str]]) -> str:
     """Return a Markdown table; `head`: names of the columns, separated by `|`."""
     columns = head.split("|")
     return "\n".join("| " + " | ".join(row) + " |" for row in [columns, ["---"] * len(columns), *rows])

@@ -21,13 +21,17 @@ class Table:
     caption: str
     head: Sequence[str]
     rows: Sequence[Sequence[str]]
+    results: str = ""  # name of the file in docs/results that has this table; "": no page of the documentation shows it
 
     @classmethod
-    def of(cls, caption: str, frame: pl.DataFrame | Iterable[Mapping[str, Any]], columns: Mapping[str, str]) -> "Table":
+    def of(
+        cls, caption: str, frame: pl.DataFrame | Iterable[Mapping[str, Any]], columns: Mapping[str, str],
+        results: str = "",
+    ) -> "Table":  # fmt: skip
         """Return a table of the rows in `frame`; `columns` maps each heading to a format string for a row."""
         rows = frame.to_dicts() if isinstance(frame, pl.DataFrame) else frame
         body = [[form.format(**row) for form in columns.values()] for row in rows]
-        return cls(caption, tuple(columns), body)
+        return cls(caption, tuple(columns), body, results)
 
     @cached_property  # a page asks for it in every cell
     def classes(self) -> list[str]:

@@ -14,8 +14,8 @@ import polars as pl
 from agents.command_line import command_of
 from agents.jobs import cached
 from agents.provenance import circumstances, digest_of
-from experiments.lab import page
-from experiments.lab.parts import Section
+from experiments.lab import page, results
+from experiments.lab.parts import Section, Table
 from impact_gym.files import whole_file, write_file
 from impact_gym.sources import compiled_from
 from impact_gym.validation import whole
@@ -98,8 +98,12 @@ class StudyOptions:
     the number of cores. 0: this process measures all cells."""
     cluster: str | None = None
     """Address of a Ray cluster to measure on. "ray": the address in RAY_ADDRESS, else the cluster of this machine."""
+    results: Path | None = None
+    """Folder (docs/results) for the tables that the documentation shows, as CSV files."""
 
     def __post_init__(self) -> None:
+        if self.results is not None and self.quick:
+            raise ValueError("results need a whole run: leave out --quick")
         if self.processes is not None:
             whole("processes", self.processes, at_least=0)
 
@@ -166,6 +170,9 @@ class Run(dict[str, pl.DataFrame]):
         finally:
             write_file(log, json.dumps({"runs": runs}, indent=2) + "\n")
         files = [_write_table(self.folder / name, frame) for name, frame in {**self, **findings.tables}.items()]
+        for table in (part for section in findings.sections for part in section.parts if isinstance(part, Table)):
+            if self.options.results is not None and table.results:
+                results.write(self.options.results, table.results, table, runs[-1])
         about: dict[str, Any] = {"question": self.study.question, "findings": findings, "files": files}
         return page.write(self.folder, "lab/study.html.jinja", runs=runs, quick=self.options.quick, **about)
 
