@@ -15,7 +15,8 @@ from impact_gym.teleop.operators import SIMPLE_REACTION
 
 def delays_of(channel, rows=128, count=150, way="uplink"):
     """Delays of packets over a channel, (rows, n); that of a lost packet is infinite."""
-    task = {way: channel, "horizon": 9.0, "scenario": AWAY, "control_period": 0.01}
+    other = {"loss": 0.4, "burst": 5.0}  # the other way has losses of its own
+    task = {"uplink": other, "downlink": other, way: channel, "horizon": 9.0, "scenario": AWAY, "control_period": 0.01}
     packets = sent(steered(ig.operators.Trapezoid(0.3), rows, **task), STOP, steps=count)
     return packets["arrives" if way == "uplink" else "displayed"] - packets["sent"]
 
