@@ -1,5 +1,6 @@
 """The command `impact-gym check`: print what a set-up's file means, and draw the set-up."""
 
+import math
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,7 +20,6 @@ from agents.setups.keys import within
 from agents.train.ppo import Run
 from impact_gym.files import whole_file
 from impact_gym.quantities import QUANTITIES
-from impact_gym.scene import Bistable, SpringDamper
 from impact_gym.task import ActionSpec, ObservationSpec, Task
 
 SAMPLE = 500  # number of scenarios that the paper's rule plays
@@ -42,9 +42,9 @@ class Check:
 
 def lag(task: Task) -> float:
     """Return the tool's steady lag (m) behind the commanded motion at full acceleration."""
-    spring = task.tool_mass / task.coupling.stiffness if isinstance(task.coupling, SpringDamper) else 0.0
+    acceleration = task.acceleration_range[1]
     arm = (task.robot.mass + task.tool_mass) / task.robot.stiffness if task.robot else 0.0
-    return task.acceleration_range[1] * (spring + arm)
+    return float(task.coupling.lag(task.tool_mass, acceleration) + acceleration * arm)
 
 
 def lines(setup: Setup) -> Iterator[str]:
@@ -77,8 +77,7 @@ def lines(setup: Setup) -> Iterator[str]:
         f" {'is done' if task.operator else 'arrives'} after {played.approach_time.mean():.3f} s and misses"
         f" {int(played.missed.sum())}"
     )
-    if isinstance(task.coupling, Bistable):
-        force = task.coupling.holding_force
+    if 0.0 < (force := task.coupling.holding_force) < math.inf:
         yield f"  the front stop holds the tool with {force:.3g} N; below that force the coupling is rigid"
     yield "\ntrained by"
     yield f"  {Run(setup, setup.training).command}"

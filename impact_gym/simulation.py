@@ -18,7 +18,7 @@ from impact_gym.outcome import Advice, Advised, Array, ContactRecord, Model, Out
 from impact_gym.quantities import QUANTITIES
 from impact_gym.robot import Approach, Arm
 from impact_gym.robot.approach import Mass
-from impact_gym.scene import Rigid, RobotTable, Scene, SpringDamper, warn_of_stroke
+from impact_gym.scene import RobotTable, Scene, warn_of_stroke
 from impact_gym.task.nested import flatten, parts, replaced
 from impact_gym.threads import CORES, over_rows
 from impact_gym.to_kernel import LOCAL_SHARE, STATUS_MESSAGES, approach_to_kernel, to_bytes
@@ -234,8 +234,7 @@ def _simpler_models(line: Approach | None) -> Iterator[tuple[str, Callable[[Scen
 def _simplified(robot: Any, frozen: bool, fixed: bool, scene: Scene) -> Scene:
     own = scene.robot if robot == "its own" else robot
     robot = own.at(scene.object.distance) if frozen and isinstance(own, RobotTable) else own
-    coupling = Rigid() if fixed and isinstance(scene.coupling, SpringDamper) else scene.coupling
-    return replace(scene, robot=robot, coupling=coupling)
+    return replace(scene, robot=robot, coupling=scene.coupling.simplified() if fixed else scene.coupling)
 
 
 def _timed(

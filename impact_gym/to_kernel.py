@@ -2,6 +2,7 @@
 
 import math
 import struct
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,17 +11,7 @@ from numpy.typing import NDArray
 from impact_gym import kernels
 from impact_gym.motion import Motion, Trapezoid
 from impact_gym.physics.dissipation import damping_factor
-from impact_gym.scene import (
-    STOP_DAMPING_RATIO,
-    STOP_STIFFNESS,
-    Bistable,
-    Contact,
-    Coupling,
-    Robot,
-    RobotTable,
-    Scene,
-    SpringDamper,
-)
+from impact_gym.scene import Contact, Coupling, Robot, RobotTable, Scene
 
 Numbers = NDArray[np.float64]
 
@@ -88,26 +79,28 @@ def contact_to_kernel(contact: Contact) -> tuple[Any, ...]:
     return tuple(kernels.contact_of(contact.stiffness, damping, m, n, contact.reference_velocity or 0.0).values())
 
 
-_NO_COUPLING = (0.0,) * len(COUPLING_NUMBERS)
 _NO_ROBOT = (0.0,) * len(ROBOT_NUMBERS)
-_NO_MECHANISM = _NO_COUPLING[2:]
+
+
+def _in_order(names: tuple[str, ...], given: Mapping[str, float], record: str) -> tuple[float, ...]:
+    """Return the numbers of a compiled record in its order, 0 for those not given; ValueError: one has no place."""
+    if not given.keys() <= (known := set(names)):
+        raise ValueError(f"the record {record} of the compiled program has no number {min(given.keys() - known)!r}: "
+                         f"add a row {record}.{min(given.keys() - known)} to impact_gym/quantities.py")  # fmt: skip
+    return tuple([given.get(name, 0.0) for name in names])
 
 
 def mount_to_kernel(
     tool_mass: float, coupling: Coupling, robot: Robot | RobotTable | None = None, table_at: int = 0
 ) -> tuple[tuple[Any, ...], Numbers]:
     """Return the fields of MOUNT, and the robot's table (n,) to put at index `table_at` of all tables."""
-    kind, numbers = kernels.DIRECT, _NO_COUPLING
-    if isinstance(coupling, SpringDamper):
-        kind, numbers = kernels.SPRING_DAMPER, (coupling.stiffness, coupling.damping_ratio, *_NO_MECHANISM)
-        if coupling.stroke:
-            numbers = (*numbers[:-3], STOP_STIFFNESS, STOP_DAMPING_RATIO, coupling.stroke)
-    elif isinstance(coupling, Bistable):
-        kind, numbers = kernels.MECHANISM, (*(getattr(coupling, name, 0.0) for name in COUPLING_NUMBERS[:-1]), 0.0)
+    kind, given = coupling.kernel()
+    numbers = _in_order(COUPLING_NUMBERS, given, "coupling")
     if robot is None:
         return (kind, kernels.STIFF_ROBOT, tool_mass, numbers, _NO_ROBOT, 0, 0, 0.0), NO_TABLE
     if isinstance(robot, Robot):
-        of_robot = (robot.mass, robot.stiffness, robot.damping)
+        given = {"mass": robot.mass, "stiffness": robot.stiffness, "damping": robot.damping}
+        of_robot = _in_order(ROBOT_NUMBERS, given, "robot")
         return (kind, kernels.LUMPED, tool_mass, numbers, of_robot, 0, 0, 0.0), NO_TABLE
     splines = robot.splines
     mass, stiffness, _ = splines(splines.x).T

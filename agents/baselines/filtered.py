@@ -14,7 +14,6 @@ from scipy.linalg import expm
 
 from agents.baselines.profile import LEAST_SPREAD, StretchedProfile
 from agents.baselines.rule import CLOCK, Floats, View
-from impact_gym.scene import SpringDamper
 
 KEPT = 32  # number of the latest control steps that the filter remembers; a reading from an earlier step is not used
 
@@ -62,11 +61,10 @@ class FilteredProfile(StretchedProfile):
 
     def swing(self, deflection: Floats, rate: Floats, gained: Floats) -> tuple[Floats, Floats]:
         """Return the next deflection (m) and rate (m/s); `gained`: rise of the flange velocity, m/s (paper, eq. 17)."""
-        coupling, period = self.task.coupling, self.task.control_period
-        if not isinstance(coupling, SpringDamper):
+        period, oscillator = self.task.control_period, self.task.coupling.oscillator(self.task.tool_mass)
+        if oscillator is None:
             return deflection, rate
-        square = coupling.stiffness / self.task.tool_mass
-        damping = 2.0 * coupling.damping_ratio * np.sqrt(square)
+        square, damping = oscillator
         (a, b, c), (d, e, f) = expm(period * np.array([[0, 1, 0], [-square, -damping, -1 / period], [0, 0, 0]]))[:2]
         return a * deflection + b * rate + c * gained, d * deflection + e * rate + f * gained
 

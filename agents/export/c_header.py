@@ -20,7 +20,6 @@ from agents.export.contract import Subject
 from agents.policies.policy import Policy
 from impact_gym.files import write_file
 from impact_gym.quantities import Quantity
-from impact_gym.scene import SpringDamper
 from impact_gym.task import ObservationSpec
 from impact_gym.task.action import RESOLUTION
 from impact_gym.task.observation import CURVES, affine
@@ -82,7 +81,7 @@ def _rule(subject: Subject, name: str) -> dict[str, Any]:
     rule: Any = subject.controller
     if not has_controller(subject):
         raise ValueError(f"{type(rule).__name__} uses values that no sensor measures, so it cannot be exported")
-    value_of, spring = values(subject.spec), isinstance(subject.task.coupling, SpringDamper)
+    value_of, swings = values(subject.spec), subject.task.coupling.oscillator(subject.task.tool_mass) is not None
     return {
         "rule": rule,
         "kinds": [kind.__name__ for kind in type(rule).__mro__],
@@ -90,7 +89,7 @@ def _rule(subject: Subject, name: str) -> dict[str, Any]:
         "weights": np.log(subject.weights).tolist(),
         "tuned": np.atleast_2d(rule.parameters).tolist(),
         "seen": {entry.id: _seen(entry, value_of[entry.id], name) for entry in subject.spec.entries},
-        "swing": np.stack(rule.swing(*np.eye(3))).tolist() if isinstance(rule, FilteredProfile) and spring else None,
+        "swing": np.stack(rule.swing(*np.eye(3))).tolist() if isinstance(rule, FilteredProfile) and swings else None,
         "profile": profile,
         "filtered": filtered,
         "rules": rules,

@@ -1,10 +1,10 @@
 """Check, before a training, whether the task of a set-up is possible."""
 
+import math
 from collections.abc import Iterator
 from itertools import product
 
 from impact_gym.quantities import EPISODE, QUANTITIES, SCENARIO, SET_UP
-from impact_gym.scene import Bistable
 from impact_gym.task import ObservationSpec, Task
 from impact_gym.task.task import MOUNT_IDS
 from impact_gym.validation import unit_text
@@ -36,10 +36,9 @@ def warnings(task: Task) -> list[str]:
             f"the nearest objects stand {1e3 * near:.3g} mm ahead: the tool can get there before the first reading"
             f" arrives, {1e3 * first_reading:g} ms after the start"
         )
-    if isinstance(task.coupling, Bistable):
-        tasks = [corner for corner in corners(task) if isinstance(corner.coupling, Bistable)]
+    if 0.0 < task.coupling.holding_force < math.inf:
         # largest accelerations (m/s^2) at which the front stop holds the tool
-        holds = [corner.coupling.holding_force / corner.tool_mass for corner in tasks]
+        holds = [corner.coupling.holding_force / corner.tool_mass for corner in corners(task)]
         if max(holds) < least:
             raise ValueError(
                 f"environment.coupling must hold the tool at {least:g} m/s^2, the arm's lowest acceleration, but its "

@@ -63,8 +63,8 @@ class Chain:
             self.bistable = StoppedSpring(coupling, self.m_t)
         sprung = self.bistable is None and hasattr(coupling, "damping_ratio")
         self.rigid = self.bistable is None and not sprung
-        if self.rigid and hasattr(coupling, "stiffness"):
-            raise NotImplementedError(f"reference: no coupling like {coupling!r}")
+        if type(coupling).__name__ not in ("Rigid", "SpringDamper", "Bistable"):
+            raise NotImplementedError(f"the reference has no equations of the coupling {coupling!r}")
         self.k_t = coupling.stiffness if sprung else 0.0
         self.c_t = 2 * coupling.damping_ratio * sqrt(self.k_t * self.m_t) if sprung else 0.0
 

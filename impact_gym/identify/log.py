@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from impact_gym.csv_files import Column, read_columns
 from impact_gym.identify.sensor import Array, Sensor, bursts, level, noise_of, runs
 from impact_gym.motion import Trapezoid
-from impact_gym.scene import Rigid, Robot, Scene
+from impact_gym.scene import Robot, Scene
 from impact_gym.validation import WrongTypeError, numbers, shown
 
 TIME = Column("s", r"((rel|relative|elapsed) )?(time ?stamp|time)s?|t|zeit|x value")
@@ -133,7 +133,7 @@ def check(log: Log, scene: Scene, motion: Trapezoid, sensors: Mapping[str, Senso
 def tool_mass(scene: Scene) -> float:
     """Return the mass (kg) of the tool; a rigid coupling adds the robot (inf if that is rigid or a `RobotTable`)."""
     behind = scene.robot.mass if isinstance(scene.robot, Robot) else math.inf
-    return scene.tool.mass + (behind if isinstance(scene.coupling, Rigid) else 0.0)
+    return scene.tool.mass + (behind if scene.coupling.fixed else 0.0)
 
 
 def _refuse_other_force(log: Log, scene: Scene, motion: Trapezoid, sensor: Sensor) -> None:

@@ -16,7 +16,7 @@ from impact_gym.identify.sensor import Array, Sensor, bursts, noise_of
 from impact_gym.motion import Trapezoid
 from impact_gym.outcome import Trace
 from impact_gym.physics.impact import GRAVITY
-from impact_gym.scene import Rigid, RobotTable, Scene, SpringDamper
+from impact_gym.scene import RobotTable, Scene
 from impact_gym.simulation import simulate
 from impact_gym.task.nested import flatten, get, parts, replaced
 from impact_gym.validation import WrongTypeError
@@ -90,7 +90,8 @@ def free_coordinates(scene: Scene, free: Iterable[str]) -> tuple[Coordinate, ...
         if value == 0.0:
             raise ValueError(f"free: {name} must not be 0 in the scene, as the search uses its logarithm: give a guess")
         searched = SEARCHED.get(name, (abs(value) / SEARCH_FACTOR, abs(value) * SEARCH_FACTOR))
-        wall = WALL * scene.tool.mass if name == MASS and isinstance(scene.coupling, SpringDamper) else math.inf
+        light = name == MASS and scene.coupling.oscillator(scene.tool.mass)  # a heavy tool on its spring never rests
+        wall = WALL * scene.tool.mass if light else math.inf
         coordinates.append(Coordinate(name, math.copysign(1.0, value), searched, wall))
     return tuple(coordinates)
 
@@ -98,7 +99,7 @@ def free_coordinates(scene: Scene, free: Iterable[str]) -> tuple[Coordinate, ...
 def tool_acceleration(scene: Scene, trace: Trace) -> Array:
     """Return the tool's acceleration (n,), m/s^2, from the forces on it and on all bodies fixed to it."""
     robot = scene.robot.at(scene.object.distance) if isinstance(scene.robot, RobotTable) else scene.robot
-    mass = scene.tool.mass + (robot.mass if robot and isinstance(scene.coupling, Rigid) else 0.0)
+    mass = scene.tool.mass + (robot.mass if robot and scene.coupling.fixed else 0.0)
     return np.asarray((trace.coupling_force - trace.contact_force) / mass)
 
 
@@ -157,8 +158,7 @@ class Model:
         """Return the latest time (s) after the start of the motion at which log k may end."""
         motion, log = self.motions[k], self.logs[k]
         arrival = 2.0 * scene.object.distance / motion.speed + motion.speed / motion.acceleration
-        if isinstance(spring := scene.coupling, SpringDamper):
-            arrival += 2.0 * np.pi * max(spring.damping_ratio, 1.0) * (scene.tool.mass / spring.stiffness) ** 0.5
+        arrival += scene.coupling.response_time(scene.tool.mass)
         return arrival + float(log.time[-1] - log.time[0])
 
     def sensed(self, scene: Scene, trace: Trace, name: str, at: Array) -> tuple[Array, Array]:

@@ -5,13 +5,13 @@ of density DENSITY, but never larger than LARGEST_RADIUS. A bistable mechanism i
 """
 
 import math
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 from impact_gym.render.canvas import HEIGHT, WIDTH, Canvas, Point
 from impact_gym.render.film import History, State
 from impact_gym.render.palette import FAINT, FLANGE, FORCE, GRID, INK, OBJECT, PAPER, TOOL
 from impact_gym.render.palette import PANEL as BACKGROUND
-from impact_gym.scene import Bistable, SpringDamper
 from impact_gym.task import Task
 
 TOOL_LENGTH, TOOL_HEIGHT = 0.034, 0.03  # m
@@ -48,16 +48,6 @@ class Camera(NamedTuple):
         canvas.rectangle((self.x(back), self.axis - 0.5 * tall, self.x(front) - self.x(back), tall), colour)
 
 
-def rest_length(task: Task) -> float:
-    """Return the distance (m) drawn between flange and tool at zero deflection; soft springs are drawn long."""
-    coupling = task.coupling
-    if isinstance(coupling, SpringDamper):
-        return 0.04 + 1.25 * math.sqrt(task.tool_mass / coupling.stiffness)
-    if isinstance(coupling, Bistable):
-        return 2.0 * (coupling.front_stop - coupling.rear_stop) + 3.0 * CLEARANCE
-    return 0.04
-
-
 def object_radius(mass: float) -> float:
     """Return the radius (m) of the ball drawn for an object of this mass (kg)."""
     return min(math.cbrt(0.75 * mass / (math.pi * DENSITY)), LARGEST_RADIUS)
@@ -66,7 +56,7 @@ def object_radius(mass: float) -> float:
 def camera(history: History) -> Camera:
     """Return the camera of an episode: it shows the approach and ROOM behind the object, but at most LARGEST_SPAN."""
     task, scenario = history.task, history.info["scenario"]
-    behind = TOOL_LENGTH + rest_length(task) + FLANGE_LENGTH + MARGIN
+    behind = TOOL_LENGTH + task.coupling.drawn_length(task.tool_mass) + FLANGE_LENGTH + MARGIN
     behind += 0.0 if task.robot is None else ROBOT_LENGTH + BASE_LENGTH
     radius = object_radius(scenario["object_mass"])
     span = min(behind + scenario["distance"] + 2.0 * radius + ROOM, LARGEST_SPAN)
@@ -79,7 +69,7 @@ def draw(canvas: Canvas, history: History, state: State) -> None:
     """Draw the chain, the ground with a ruler, and the gap or the distance that the object was pushed."""
     task, home, view = history.task, history.info["scenario"]["distance"], camera(history)
     radius, tool_back = object_radius(history.info["scenario"]["object_mass"]), state.tool_position - TOOL_LENGTH
-    front = state.flange_position - TOOL_LENGTH - rest_length(task)
+    front = state.flange_position - TOOL_LENGTH - task.coupling.drawn_length(task.tool_mass)
     back, base = front - FLANGE_LENGTH, state.command_position - state.flange_position + front
     base -= FLANGE_LENGTH + ROBOT_LENGTH
     canvas.rectangle((0.0, TOP, WIDTH, BOTTOM - TOP), BACKGROUND)
@@ -93,12 +83,12 @@ def draw(canvas: Canvas, history: History, state: State) -> None:
         view.block(canvas, base - BASE_LENGTH, base, FLANGE_HEIGHT, FAINT)
         ends = (view.x(base), view.axis), (view.x(back), view.axis)
         _spring(canvas, *ends, 0.1 * FLANGE_HEIGHT * view.scale, FAINT, 6)
-    if isinstance(task.coupling, SpringDamper):
-        _spring_damper(canvas, view, front, tool_back, rest_length(task))
-    elif isinstance(task.coupling, Bistable):
-        _bistable(canvas, view, front, tool_back, task.coupling)
-    else:
-        view.block(canvas, front, tool_back, BAR, FLANGE)
+    if task.coupling.drawing not in DRAWINGS:
+        kind = type(task.coupling).__name__
+        raise ValueError(
+            f"there is no picture of the coupling {kind}: add its `drawing` to DRAWINGS in render/chain.py"
+        )
+    DRAWINGS[task.coupling.drawing](canvas, view, front, tool_back, task)
     view.block(canvas, back, front, FLANGE_HEIGHT, FLANGE)
     view.block(canvas, tool_back, state.tool_position, TOOL_HEIGHT, TOOL)
     if state.contact_force > 0.0:
@@ -165,8 +155,14 @@ def _spring(canvas: Canvas, start: Point, end: Point, amplitude: float, colour: 
     canvas.lines([*points, end], colour, 2.0)
 
 
-def _spring_damper(canvas: Canvas, view: Camera, front: float, back: float, rest: float) -> None:
-    """Draw a spring and a damper from the flange's `front` to the tool's `back`; `rest` is the relaxed length, m."""
+def _rigid(canvas: Canvas, view: Camera, front: float, back: float, _: Task) -> None:
+    """Draw a bar from the flange's `front` to the tool's `back`."""
+    view.block(canvas, front, back, BAR, FLANGE)
+
+
+def _spring_damper(canvas: Canvas, view: Camera, front: float, back: float, task: Task) -> None:
+    """Draw a spring and a damper from the flange's `front` to the tool's `back`."""
+    rest = task.coupling.drawn_length(task.tool_mass)
     half, end = 0.5 * TOOL_HEIGHT * view.scale, max(back, front + SHORTEST_SPRING)
     above, below, reach = view.axis - 0.5 * half, view.axis + 0.5 * half, 0.25 * half
     _spring(canvas, (view.x(front), above), (view.x(end), above), 0.35 * half, INK, 9)
@@ -179,8 +175,9 @@ def _spring_damper(canvas: Canvas, view: Camera, front: float, back: float, rest
     canvas.lines([(piston, below - 0.8 * reach), (piston, below + 0.8 * reach)], FAINT, 2.5)
 
 
-def _bistable(canvas: Canvas, view: Camera, front: float, back: float, mechanism: Bistable) -> None:
+def _bistable(canvas: Canvas, view: Camera, front: float, back: float, task: Task) -> None:
     """Draw to scale the slider, its front stop, and the spring from the slider to a pivot on the flange."""
+    mechanism = task.coupling
     alignment = front + CLEARANCE - mechanism.rear_stop
     rod = mechanism.front_stop - mechanism.rear_stop + 2.0 * CLEARANCE  # so long that the tool stays off the front stop
     slider = (view.x(back - rod), view.axis)
@@ -193,3 +190,9 @@ def _bistable(canvas: Canvas, view: Camera, front: float, back: float, mechanism
     canvas.rectangle((slider[0], view.axis - 0.3 * thick, view.x(back) - slider[0], 0.6 * thick), TOOL)
     canvas.rectangle((slider[0] - thick, view.axis - thick, 2.0 * thick, 2.0 * thick), TOOL)
     _spring(canvas, pivot, slider, 0.6 * thick, INK, 7)
+
+
+DRAWINGS: Mapping[str, Callable[[Canvas, Camera, float, float, Task], None]] = {
+    "rigid": _rigid, "spring": _spring_damper, "bistable": _bistable,
+}  # fmt: skip
+"""Functions that draw a coupling from the flange's front to the tool's back (m), by `Coupling.drawing`."""

@@ -9,7 +9,6 @@ from gymnasium.wrappers import RecordVideo
 
 from impact_gym.outcome import Trace
 from impact_gym.quantities import HORIZON
-from impact_gym.scene import Rigid
 from impact_gym.task.episodes import EpisodeState
 from impact_gym.task.task import Task
 
@@ -66,7 +65,7 @@ class History:
         self.time = self.columns["time"]
         self.now = float(self.time[-1])
         object_mass = info["scenario"]["object_mass"]
-        imposed = isinstance(task.coupling, Rigid) and task.robot is None
+        imposed = task.coupling.fixed and task.robot is None
         self.reduced_mass = object_mass if imposed else 1.0 / (1.0 / task.tool_mass + 1.0 / object_mass)
         touching = self.columns["tool_position"] - self.columns["object_position"] > 0.0
         edges = np.diff(touching.astype(np.int8), prepend=0)

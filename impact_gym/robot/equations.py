@@ -15,7 +15,7 @@ from impact_gym.motion import Motion, Trapezoid
 from impact_gym.parameters import SI, Parameters
 from impact_gym.robot.approach import Approach, Array
 from impact_gym.robot.arm import Arm
-from impact_gym.scene import Bistable, Rigid, Scene, SpringDamper
+from impact_gym.scene import Bistable, Scene
 
 LOST = 0.05  # rad or m; if a motor deviates from its command by this or more, the run ends
 MOST_EVALUATIONS = 400_000  # default limit on evaluations of the equations in a run; 400,000 take about 15 s
@@ -81,7 +81,7 @@ class Equations:
         self, arm: Arm, approach: Approach, scene: Scene, path: Path, gravity: bool, servo: Servo | None,
         most_evaluations: int,
     ) -> None:  # fmt: skip
-        self.rigid, self.m_t, self.m_p = isinstance(scene.coupling, Rigid), scene.tool.mass, scene.object.mass
+        self.rigid, self.m_t, self.m_p = scene.coupling.fixed, scene.tool.mass, scene.object.mass
         self.arm = arm.moving(self.m_t if self.rigid else 0.0, gravity)
         self.scene, self.path, self.servo, self.n = scene, path, servo, arm.count
         self.motors = CubicSpline(approach.position, approach.joint_angles)
@@ -130,18 +130,6 @@ class Equations:
         law, depth = self.scene.contact, max(depth, 0.0)
         return float(law.stiffness * depth**law.stiffness_exponent + self.damping * depth**law.damping_exponent * rate)
 
-    def pull(self, stretch: float, rate: float) -> float:
-        """Return the force of the coupling on the tool, N."""
-        held = self.scene.coupling
-        if isinstance(held, SpringDamper):
-            return -held.stiffness * stretch - 2.0 * held.damping_ratio * math.sqrt(held.stiffness * self.m_t) * rate
-        assert isinstance(held, Bistable)
-        k, place = held.stop_stiffness, held.rest + stretch
-        c = 2.0 * held.stop_damping_ratio * math.sqrt(k * self.m_t)
-        front = max(k * (place - held.front_stop) + c * rate, 0.0) if place > held.front_stop else 0.0
-        rear = max(k * (held.rear_stop - place) - c * rate, 0.0) if place < held.rear_stop else 0.0
-        return float(held.force(place)) - front + rear
-
     def flange(self, y: Array) -> tuple[float, float, Array]:
         """Return position and velocity of the flange along the line, and d(velocity) / d(joint rates)."""
         place, J = self.arm.move(y[: self.n], y[self.n : 2 * self.n])
@@ -157,7 +145,7 @@ class Equations:
         place, speed, row = self.flange(y)
         tool, v_t, x, v_p = (place, speed, y[-3], y[-2]) if self.rigid else y[-5:-1]
         force = max(self.contact(tool - x, v_t - v_p), 0.0) if touching else 0.0
-        pulled = force if self.rigid else self.pull(tool - place, v_t - speed)
+        pulled = force if self.rigid else self.scene.coupling.pull(tool - place, v_t - speed, self.m_t)
         q, v = y[:n], y[n : 2 * n]
         q_m, v_m = self.driven(t, y)
         yielded = self.arm.stiffness * (q_m - q) + self.arm.damping * (v_m - v)

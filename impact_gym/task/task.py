@@ -10,7 +10,7 @@ import numpy as np
 
 from impact_gym.kernels import RECORD, TASK
 from impact_gym.quantities import AFTER_ALARM, HORIZON, PAST_READINGS, QUANTITIES, SET_UP
-from impact_gym.scene import Contact, Coupling, Rigid, Robot, SpringDamper, warn_of_stroke
+from impact_gym.scene import COUPLINGS, Contact, Robot, SpringDamper, warn_of_stroke
 from impact_gym.task.action import ActionSpec
 from impact_gym.task.nested import get, grouped, ranged_record
 from impact_gym.task.range_sensor import RangeSensor
@@ -31,7 +31,7 @@ PLACES = places(RECORD)
 MOUNT_IDS = tuple(row.id for row in SET_UP if row.id.partition(".")[0] in ("tool_mass", "coupling", "robot"))
 
 PARTS: Mapping[str, tuple[Any, ...]] = {
-    "coupling": get_args(Coupling), "robot": (Robot,), "range_sensor": (RangeSensor,),
+    "coupling": COUPLINGS, "robot": (Robot,), "range_sensor": (RangeSensor,),
     "operator": get_args(Operator), **dict.fromkeys(WAYS, (Channel,)),
 }  # fmt: skip
 """The allowed classes of each argument, except `scenario`, that takes an object or a dict that describes the object."""
@@ -177,7 +177,7 @@ class Task:
         self._put("reference_velocity", contact.reference_velocity)
         for name in ("deflection_sensor", "privileged", "observe_range_noise"):
             flag(name, getattr(self, name))
-        if self.deflection_sensor and isinstance(self.coupling, Rigid):
+        if self.deflection_sensor and self.coupling.fixed:
             raise ValueError("deflection_sensor must be False with a Rigid coupling, which has no deflection")
         if self.range_noise is None and (self.observe_range_noise or self.range_bias or "range_bias" in self.drawn):
             given = "range_bias must be 0 and observe_range_noise False"

@@ -63,7 +63,8 @@ def test_tool_flange_and_object_are_drawn_at_their_positions(options):
     first, view = history.touches[0], chain.camera(history)  # the camera is fixed
     deflection = history.columns["tool_position"] - history.columns["flange_position"]
     shortest = float(history.time[np.argmin(deflection)])
-    behind = chain.TOOL_LENGTH + chain.rest_length(env.unwrapped.task) + chain.FLANGE_LENGTH
+    task = env.unwrapped.task
+    behind = chain.TOOL_LENGTH + task.coupling.drawn_length(task.tool_mass) + chain.FLANGE_LENGTH
     diameter = 2.0 * chain.object_radius(HARD_AND_HEAVY["object_mass"])
     for time in (0.5 * first, 0.99 * first, first, shortest, history.events.alarm + 0.02, history.now):
         state, picture = history.at(time), Renderer("rgb_array").draw(history, time, 8.0).pixels()

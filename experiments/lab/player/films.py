@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from agents.evaluate.scenario_batch import RESULTS, Episodes
 from agents.policies import Controller
 from impact_gym.envs.single import ImpactApproachEnv
-from impact_gym.render.chain import object_radius, rest_length
+from impact_gym.render.chain import object_radius
 from impact_gym.render.film import FRAME_RATE, History
-from impact_gym.scene import Bistable, Rigid, SpringDamper
+from impact_gym.scene import Bistable
 from impact_gym.task import Task
 
 MOST = 200  # number of rows at which `thin` stops adding rows
@@ -224,8 +224,8 @@ def _run(name: str, run: History, columns: Columns, limits: Mapping[str, float],
 def chain_of(task: Task) -> dict[str, Any]:
     """Return kind and dimensions (m) of the coupling, and whether the robot is compliant."""
     coupling = task.coupling
-    kind = {SpringDamper: "spring", Bistable: "bistable", Rigid: "rigid"}[type(coupling)]
-    chain = {"coupling": kind, "rest": rest_length(task), "compliant_robot": task.robot is not None}
+    rest = coupling.drawn_length(task.tool_mass)
+    chain = {"coupling": coupling.drawing, "rest": rest, "compliant_robot": task.robot is not None}
     if isinstance(coupling, Bistable):
         chain |= {"height": coupling.height, "front_stop": coupling.front_stop, "rear_stop": coupling.rear_stop}
     return chain

@@ -1,0 +1,91 @@
+"""A coupling answers for itself: by its laws, and a class that lacks an answer is refused by name at every door."""
+
+from dataclasses import dataclass, replace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from episode_runs import ID
+from refusal import refused
+
+import impact_gym as ig
+from agents.baselines.tuned import load_baseline
+from agents.check import lag
+from experiments.reference.chain import Chain
+from impact_gym import kernels, to_kernel
+from impact_gym.scene import COUPLINGS, Coupling
+from impact_gym.task import Task
+
+MASS = 0.125  # kg
+SPRING, STOPPED = ig.SpringDamper(50.0, 0.4), ig.SpringDamper(50.0, 0.4, stroke=0.021)
+MOTION = ig.Trapezoid(1.0, 8.0, brake=ig.Brake(1.0, 0.016, 8.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Viscous(Coupling):
+    """A coupling that answers nothing."""
+
+
+def scene(coupling, robot=None):
+    return ig.Scene(ig.Tool(MASS), ig.Object(0.25, 0.2), ig.Contact(1e4, 0.5), coupling, robot)
+
+
+@pytest.mark.parametrize("coupling", [SPRING, STOPPED, ig.Bistable()], ids=["spring", "stops", "bistable"])
+def test_pull_is_the_force_of_a_simulated_coupling(coupling):
+    trace = ig.simulate(scene(coupling), MOTION, 1.0, trace=True).trace
+    deflection = trace.tool_position - trace.flange_position
+    rows = zip(deflection, trace.tool_velocity - trace.flange_velocity, strict=True)
+    forces = np.array([coupling.pull(*row, MASS) for row in rows])
+    away = np.abs(np.abs(deflection) - STOPPED.stroke) > 1e-9  # at a stop its force jumps
+    assert forces[away] == pytest.approx(trace.coupling_force[away], rel=1e-6, abs=1e-5)
+
+
+def test_lag_holds_the_tool_at_a_steady_acceleration():
+    assert SPRING.pull(-SPRING.lag(MASS, 8.0), 0.0, MASS) == pytest.approx(MASS * 8.0)
+    square, damping = SPRING.oscillator(MASS)
+    assert (square, damping) == pytest.approx((50.0 / MASS, 2.0 * 0.4 * (50.0 / MASS) ** 0.5))
+    assert ig.Bistable().pull(0.0, 0.0, MASS) == pytest.approx(0.0, abs=1e-9)  # spring and stop balance at rest
+
+
+@pytest.mark.parametrize("place", range(len(to_kernel.COUPLING_NUMBERS) + 1))
+def test_one_more_number_of_a_record_changes_no_other(place, monkeypatch):
+    names = to_kernel.COUPLING_NUMBERS
+    monkeypatch.setattr(to_kernel, "COUPLING_NUMBERS", (*names[:place], "more", *names[place:]))
+    for coupling in (ig.Rigid(), SPRING, STOPPED, ig.Bistable()):
+        (_, _, _, numbers, *_), _ = to_kernel.mount_to_kernel(MASS, coupling)
+        given = dict(zip(to_kernel.COUPLING_NUMBERS, numbers, strict=True))
+        assert {name: number for name, number in given.items() if number} == {
+            name: number for name, number in coupling.kernel()[1].items() if number
+        }
+
+
+def test_a_number_without_a_place_in_the_record_is_refused(monkeypatch):
+    monkeypatch.setattr(ig.Rigid, "kernel", lambda _: (kernels.DIRECT, {"viscosity": 1.0}))
+    refused(lambda: ig.simulate(scene(ig.Rigid()), MOTION), "'viscosity'", "coupling.viscosity", "quantities.py")
+
+
+@pytest.mark.parametrize("answer", [
+    lambda held: ig.simulate(scene(held), MOTION), lambda held: ig.sweep(scene(held), MOTION, {"tool.mass": [0.1]}),
+    lambda held: ig.advise(scene(held), MOTION), lambda held: held.pull(0.0, 0.0, MASS),
+    lambda held: lag(replace_coupling(held)), lambda held: held.drawn_length(MASS), lambda held: held.holding_force,
+    lambda held: load_baseline("filtered-profile", 2.0).for_task(replace_coupling(held)).swing(0.0, 0.0, 0.0),
+    lambda held: held.simplified(), lambda held: held.response_time(MASS),
+])  # fmt: skip
+def test_coupling_that_lacks_an_answer_is_refused_by_name(answer):
+    refused(lambda: answer(Viscous()), "the coupling Viscous lacks ", "impact_gym/scene.py")
+
+
+def replace_coupling(held):
+    """A task whose coupling is replaced behind its checks."""
+    task = Task(range_sensor={"noise": 0.01})
+    object.__setattr__(task, "coupling", held)
+    return task
+
+
+def test_unknown_coupling_has_no_reference_and_no_environment():
+    with pytest.raises(NotImplementedError, match=r"no equations of the coupling Viscous\(\)"):
+        Chain(scene(Viscous()), MOTION)
+    refused(lambda: gym.make(ID, coupling=Viscous()), "coupling", *(kind.__name__ for kind in COUPLINGS))
+    refused(
+        lambda: replace(scene(ig.Rigid()), coupling="Viscous"), "Scene.coupling", "Rigid or SpringDamper or Bistable"
+    )
