@@ -219,7 +219,7 @@ DEFLECTION = Quantity("deflection", "displacement of the tool one reaction delay
 PAST = tuple(
     replace(row, id=f"{row.id}_{before}", words=f"{row.words}, earlier reading {before}", observed="past_readings")
     for before in range(1, PAST_READINGS + 1)
-    for row in (SENSORS[5], DEFLECTION)
+    for row in (*(row for row in SENSORS if row.id == "force"), DEFLECTION)
 )
 SPEEDS = Scale(-0.5, 1.5, ends="velocity_range")
 AGE, SPREAD, LAST_READ = (Scale(0.0, high, 0.0) for high in (1.0, 0.2, 0.5))

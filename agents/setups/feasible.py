@@ -21,7 +21,8 @@ def warnings(task: Task) -> list[str]:
     observed = ObservationSpec(task).scale("position").high
     first_reading = task.longest("reaction_delay") + task.control_period
     sentences, given = [], task.by_path() | task.ranges
-    for row in (QUANTITIES["velocity"], QUANTITIES["time_since_alarm"], *SCENARIO[:-1], *EPISODE, *SET_UP):
+    scenario = (row for row in SCENARIO if row.id != "distance")
+    for row in (QUANTITIES["velocity"], QUANTITIES["time_since_alarm"], *scenario, *EPISODE, *SET_UP):
         name, (start, end, *_), unit = row.scale.ends or row.id, row.scale, unit_text(row.unit)
         low, high = (0.0, 0.0) if given.get(name) is None else row.interval(given[name])
         if max(-low, high) > FAR * max(-start, end) or 0.0 < high < start / FAR:
