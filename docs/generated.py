@@ -38,7 +38,7 @@ from impact_gym.task.scenario import NAMED
 
 DOCS = Path(__file__).parent
 REGION = re.compile(r"(<!-- (generated|results): (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
-NUMBER = re.compile(r"(<!-- (cell|interval): ([^|]+?) \| ([^|]+?) \| (.+?) -->).*?(<!-- end -->)")
+NUMBER = re.compile(r"(<!-- (cell|interval): ([^|]+?) \\?\| ([^|]+?) \\?\| (.+?) -->).*?(<!-- end -->)")
 GREY, BLUE, ORANGE, GREEN = "#808080", "#0072B2", "#D55E00", "#009E73"  # legible on a light and on a dark page
 STYLE = {
     "axes.edgecolor": GREY, "axes.labelcolor": GREY, "xtick.color": GREY, "ytick.color": GREY, "text.color": GREY,
@@ -56,8 +56,8 @@ def filled(markdown: str) -> str:
         return f"{opening}\n{text}\n\n{end}"
 
     def number(found: re.Match[str]) -> str:
-        opening, kind, *place, end = found.groups()
-        text = results.cell(*place)
+        opening, kind, name, row, column, end = found.groups()
+        text = results.cell(name, row, column)
         return opening + (text if kind == "interval" else text.partition(" [")[0]) + end
 
     return NUMBER.sub(number, REGION.sub(region, markdown))

@@ -6,16 +6,11 @@ untuned baselines, tuned baselines by number of parameters, the user's controlle
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
-from agents.evaluate.play import pairs
 from experiments.lab.parts import Table, percent
 from experiments.lab.statistics import Comparison, Estimate, Floats, estimate
+from experiments.report.episodes import Played
 from experiments.report.matchups import PAPER, POLICY, Contestant
-from experiments.report.played import Played
-
-SEED = 60_000_000  # first seed (a seed of ranges is added); tuning, evaluation and shipped trainings use other seeds
-COUNT = 2000  # number of scenarios on which the choice is made, unless a table gives the scenarios
 
 
 @dataclass(frozen=True)
@@ -29,14 +24,6 @@ class Choice:
     above: Mapping[str, Estimate]  # fraction by which the cost of each other contestant is above `cost`, by name
     missed: int  # number of objects that the recommended controller misses
     sentence: str
-
-
-def scenarios(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the scenarios of the choice: the table in `given`, or draws from its ranges with other seeds."""
-    if "table" in given:
-        return dict(given)
-    ranges = given.get("ranges") or pairs({"validation": "test"}.get(given["set"], given["set"]))  # the same ranges
-    return {"ranges": ranges, "seed": SEED + given.get("seed", 0), "count": COUNT}
 
 
 def simplicity(contestant: Contestant) -> tuple[int, int]:

@@ -113,7 +113,7 @@ def by_prior(frame: pl.DataFrame) -> list[dict[str, Any]]:
     for prior, rows in grid.groups(frame, "near", "far", "memoryless"):
         of_rule = dict(grid.groups(rows, "rule"))
         resamples = Resamples(len(of_rule[("rule",)]))
-        fronts = [grid.front(of_rule[(name,)], resamples) for name in RULES]
+        fronts = [grid.front_of(of_rule[(name,)], resamples) for name in RULES]
         rule, steady, profile = (Comparison.of_fronts(each, fronts[0]).ours for each in fronts)
         missed = max(np.mean(found["missed"].to_numpy()) for found in of_rule.values())
         shares = {"limits": (rule - steady) / rule, "place": (steady - profile) / rule, "all": 1.0 - profile / rule}

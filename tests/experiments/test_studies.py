@@ -12,12 +12,14 @@ import polars as pl
 import pytest
 from browser_pages import stands_on_its_own, text_of_a_page_that_stands_on_its_own
 from matplotlib.figure import Figure
+from refusal import refused
 
 from agents import jobs
 from experiments import studies
+from experiments.lab import results
 from experiments.lab import study as lab_study
 from experiments.lab.parts import Heat, HeatMap, Picture, Section, Table
-from experiments.lab.study import Cell, Findings, Measurement, Run, Study, StudyOptions, csv_of
+from experiments.lab.study import Cell, Findings, Measurement, Study, StudyOptions, StudyRun, csv_of
 from experiments.studies import bench, gain, speed, stability, teleop
 from experiments.studies.solvers import approaches, contenders
 from experiments.studies.stability import promises, storm
@@ -41,7 +43,8 @@ def cubes(squares):
 def analysed(frames, quick):
     figure = Figure()
     figure.subplots().plot([0, 1], [0, 1])
-    squares = Table.of("Squares", frames.get("squares", pl.DataFrame()), {"kind": "{kind}", "V_p": "{square}"})
+    squares = Table.of("Squares", frames.get("squares", pl.DataFrame()), {"kind": "{kind}", "V_p": "{square}"},
+                       "some-squares")  # fmt: skip
     heat = HeatMap("Warm is worse", ("what", "cost"), [("noise", "1 tried", [Heat("1.2", "at most", 1.2)])])
     line = Picture("line", figure, "A line that rises.", "V_p over k_c")
     sections = [Section("Squares of V_p", [squares, Table("Nothing", ("a",), ()), heat, line], key="first")]
@@ -59,9 +62,26 @@ def study(tmp_path):
 
 
 def run(study, folder, **options):
-    made = Run(study, StudyOptions(folder, processes=0, **options), "impact-gym study squares")
+    made = StudyRun(study, StudyOptions(folder, processes=0, **options), "impact-gym study squares")
     made.write()
     return made
+
+
+def test_results_of_pages_are_read_as_written(study, tmp_path):
+    folder = tmp_path / "results"
+    refused(partial(StudyOptions, quick=True, results=folder), "results need a whole run")
+    made = run(study, tmp_path / "out", results=folder)
+    about, table = results.read("some-squares", folder)
+    assert (about["command"], about["table"]) == (made.command, "Squares")
+    assert [table.head, *table.rows] == [["kind", "V_p"], ["small", "1"], ["small", "4"], ["large", "100"]]
+    assert results.cell("some-squares", "large", "V_p", folder) == "100"
+    for row, column in (("small", "V_p"), ("none", "V_p"), ("large", "other")):
+        refused(partial(results.cell, "some-squares", row, column, folder), repr(row), repr(column), made.command)
+    refused(partial(results.read, "other", folder), "other.csv", "make results")
+    text = (folder / "some-squares.csv").read_text()
+    for damaged in ("", text.replace("# machine", "# engine"), f"{text}small,9,9\n"):
+        (folder / "some-squares.csv").write_text(damaged)
+        refused(partial(results.read, "some-squares", folder), "some-squares.csv is damaged or of another version")
 
 
 def test_csv_holds_no_formula_and_leaves_numbers_and_words():
@@ -98,7 +118,7 @@ def test_failed_cell_is_a_row_with_its_own_labels(study, tmp_path):
     table = replace(
         study.measurements[0], cells=lambda *_: cells, failed=lambda labels: {"of": f"cell {labels['kind']}"}
     )
-    rows = Run(replace(study, measurements=(table,)), StudyOptions(tmp_path / "out", processes=0))["squares"]
+    rows = StudyRun(replace(study, measurements=(table,)), StudyOptions(tmp_path / "out", processes=0))["squares"]
     assert rows["square"].to_list() == [1, None, 9]
     assert rows["of"].to_list() == [None, "cell two", None]
     assert "TypeError" in rows["failure"][1]
@@ -155,7 +175,7 @@ def small_run(name, folder):
         replace(each, cells=made if callable(made := cells[each.name]) else lambda *_, made=made: made, processes=0)
         for each in whole.measurements if each.name in cells
     ]  # fmt: skip
-    return Run(replace(whole, measurements=few), StudyOptions(folder, quick=True, processes=0), "the command")
+    return StudyRun(replace(whole, measurements=few), StudyOptions(folder, quick=True, processes=0), "the command")
 
 
 @pytest.fixture(scope="module")
