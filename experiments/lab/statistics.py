@@ -51,6 +51,11 @@ class Resamples:
         means = np.einsum("rs,skr->rk", shares, by_seed)
         return means.reshape(self.count + 1, *values.shape[1:-1])
 
+    def means_where(self, values: NDArray[Any], chosen: NDArray[np.bool_]) -> Floats:
+        """Return the means of the `chosen` values, as `means`; nan: none is chosen."""
+        with np.errstate(invalid="ignore"):
+            return self.means(values * chosen) / self.means(chosen)
+
 
 @lru_cache(maxsize=32)
 def _shares(seed: tuple[int, int], units: int, resamples: int) -> Floats:
@@ -95,7 +100,7 @@ def front(resamples: Resamples, times: Floats, velocities: Floats, missed: NDArr
 
     V_p is the mean over the touched objects.
     """
-    return resamples.means(times), resamples.means(velocities * ~missed) / resamples.means(~missed)
+    return resamples.means(times), resamples.means_where(velocities, ~missed)
 
 
 @dataclass(frozen=True)

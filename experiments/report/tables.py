@@ -48,7 +48,7 @@ def at_one_time(played: Played) -> Table:
         episodes = run.at(weight)
         values = [getattr(episodes, field) for field in columns.values()]
         values[1] = values[1][~episodes.missed]
-        numbers = [f"{each.mean():.3g}, {np.percentile(each, 95.0):.3g}" for each in values]
+        numbers = [f"{each.mean():.3g}, {np.percentile(each, 95.0):.3g}" if each.size else "-" for each in values]
         body.append((label, f"{weight:.3g}", *numbers, str(int(run.at(weight).missed.sum()))))
     caption = f"Mean, 95th percentile of {played.count:,} scenarios; V_p: of touched objects"
     return Table(caption, ("contestant", "w (m/s per s)", *columns, "missed"), body)
@@ -90,14 +90,14 @@ def measures(played: Played) -> Table:
     rows = []
     for label, (name, episodes) in runs.items():
         velocity, peak, touched = episodes.object_velocity, episodes.peak_force, ~episodes.missed
-        resampled = played.resamples.means(velocity * touched) / played.resamples.means(touched)
+        impulse = velocity * episodes.scenario["object_mass"]
         row = {
             "contestant": label,
             "T (s)": f"{episodes.approach_time.mean():.4f}",
-            "V_p (m/s)": f"{estimate(resampled):.3f}",
+            "V_p (m/s)": f"{estimate(played.resamples.means_where(velocity, touched)):.3f}",
             "V_p, mean of the worst 5 %": f"{np.sort(velocity)[-max(1, round(0.05 * velocity.size)) :].mean():.3f}",
             "peak force (N): mean, 95 %": f"{peak.mean():.1f}, {np.quantile(peak, 0.95):.0f}",
-            "impulse (N s)": f"{(velocity * episodes.scenario['object_mass'])[touched].mean():.4f}",
+            "impulse (N s)": f"{played.resamples.means_where(impulse, touched)[0]:.4f}",
             "several contacts": f"{100 * (episodes.contact_count > 1).mean():.1f} %",
             "contacts": f"{episodes.contact_count.mean():.2f}",
             "missed": f"{episodes.missed.sum()}",
