@@ -39,7 +39,7 @@ def outcomes(played: Played, controller: str = POLICY) -> pl.DataFrame:
     off = (pl.col("value") - pl.col("value").filter("same").first().over("factor")).abs().fill_nan(0.0).fill_null(0.0)
     by = ["change", "factor", "setting", "same", "value", "contestant"]
     return frame.join(ours, on=["change", "episode"], maintain_order="left").group_by(by, maintain_order=True).agg(
-        V=pl.col("object_velocity").filter(~pl.col("missed")).mean(), T=pl.mean("approach_time"),
+        V=pl.col("object_velocity").filter(~pl.col("missed")).mean().fill_null(np.nan), T=pl.mean("approach_time"),
         loss=pl.mean("cost"), missed=pl.sum("missed"), of=pl.len(),
         more=pl.when(clear).then(more.mean()).otherwise(0.0),
     ).with_columns(off=off)  # fmt: skip
