@@ -34,6 +34,12 @@ class Table:
         body = [[form.format(**row) for form in columns.values()] for row in rows]
         return cls(caption, tuple(columns), body, results)
 
+    @classmethod
+    def joined(cls, caption: str, rows: Sequence[Mapping[str, str]], results: str = "") -> "Table":
+        """Return a table of rows that map headings to texts; a row without a heading has an empty cell."""
+        head = [*dict.fromkeys(heading for row in rows for heading in row)]
+        return cls(caption, head, [[row.get(heading, "") for heading in head] for row in rows], results)
+
     @cached_property  # a page asks for it in every cell
     def classes(self) -> list[str]:
         """CSS class by column: "" if half or more cells look like numbers, "left words" if any is long, else "left"."""

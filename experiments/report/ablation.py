@@ -158,6 +158,13 @@ def _cells(gain: Gain, limit: str = "") -> list[str]:
     return [f"{gain.value.value:.3f}", less, "-" if gain.share is None else limit + percent(gain.share)]
 
 
+def row(steps: Sequence[Step], played: Played) -> dict[str, str]:
+    """Return the row of a set-up in the table of shares, texts by heading."""
+    shares = {step.added: step.limit + percent(step.velocity.share) for step in steps
+              if step.velocity.share and step.contestant != BOUND}  # fmt: skip
+    return {"set-up": played.matchup.name} | shares
+
+
 def sentence(steps: Sequence[Step]) -> str:
     """Return a sentence with the share of each gain in V_p; "" if a share is missing, or if there is only one gain.
 

@@ -96,6 +96,27 @@ def reductions(played: Played) -> Floats:
     return 1.0 - along(times, velocities, np.full(len(times), time)) / velocity
 
 
+def row(answer: Answer, played: Played) -> dict[str, str]:
+    """Return the row of a set-up in the table of answers, texts by heading."""
+    (weight,), matchup = played.paper.weights, played.matchup
+    rule, policy = played.paper.means(weight), played.policy.means(matchup.typical)
+    return {
+        "set-up": matchup.name,
+        "mean time of the rule (s)": f"{rule['T']:.3f}",
+        "V_p of the rule (m/s)": f"{rule['V']:.3f}",
+        "V_p of the policy (m/s)": f"{answer.velocity.value:.3f}",
+        "V_p lower with the main baseline by": rival_words(answer),
+        "V_p lower with the policy by": percent(answer.reduction) + " (at the nearest time)" * (not answer.reached),
+        "missed by the rule": f"{rule['missed'] / played.count:.1%}",
+        "missed by the policy": f"{policy['missed'] / played.count:.1%}",
+    }
+
+
+def rival_words(answer: Answer) -> str:
+    """Return `Answer.rival_reduction` in words."""
+    return percent(answer.rival_reduction) if answer.rival_reduction else f"- (always {answer.rival_apart})"
+
+
 def at_least(answer: Answer) -> str:
     """Return the tolerance bound of `Answer.each` in words; "-": there are fewer than two values."""
     return f"{100 * tolerated(np.array(answer.each)):.1f} %" if len(answer.each) > 1 else "-"

@@ -67,6 +67,19 @@ def choice(played: Played) -> Choice:
     return Choice(name, weight, cost, below_rule, above, missed, sentence)
 
 
+def row(result: Choice, played: Played) -> dict[str, str]:
+    """Return the row of a set-up in the table of choices, texts by heading."""
+    rule, policy = (run.loss(result.time_weight).mean() for run in (played.paper, played.policy))
+    return {
+        "set-up": played.matchup.name,
+        "best choice": played.matchup.labels[result.controller],
+        "its cost (m/s)": f"{result.cost:.3f}",
+        "the rule's cost (m/s)": f"{rule:.3f}",
+        "the policy's cost (m/s)": f"{policy:.3f}",
+        "objects missed": f"{result.missed} of {played.count}",
+    }
+
+
 def _against_rule(below: Estimate) -> str:
     if below.low > 0.0:
         return f"{percent(below)} less than"

@@ -125,14 +125,12 @@ def table(played: Played) -> Table:
     return Table.of(caption, outcomes(played).with_columns(labels), columns)
 
 
-def lines(played: Played) -> list[list[str]]:
-    """Return a row for each change: set-up and change, costs of rule, main baseline and policy (m/s), and misses."""
-    names = (PAPER, played.matchup.rival.name, POLICY)
-    found = []
-    for (factor, setting), rows in outcomes(played).group_by("factor", "setting", maintain_order=True):
-        each = {row["contestant"]: row for row in rows.to_dicts()}
-        missed = f"{each[POLICY]['missed']} of {each[POLICY]['of']}"
-        found.append(
-            [f"{played.matchup.name}, {factor}: {setting}", *(f"{each[name]['loss']:.3f}" for name in names), missed]
-        )
+def rows(played: Played) -> list[dict[str, str]]:
+    """Return the row of each change in the table of all set-ups, texts by heading."""
+    names, found = {PAPER: "rule", played.matchup.rival.name: "main baseline", POLICY: "policy"}, []
+    for (factor, setting), group in outcomes(played).group_by("factor", "setting", maintain_order=True):
+        each = {row["contestant"]: row for row in group.to_dicts()}
+        row = {"set-up, change": f"{played.matchup.name}, {factor}: {setting}"}
+        row |= {heading: f"{each[name]['loss']:.3f}" for name, heading in names.items()}
+        found.append(row | {"missed by the policy": f"{each[POLICY]['missed']} of {each[POLICY]['of']}"})
     return found

@@ -11,13 +11,13 @@ from markupsafe import Markup
 
 from agents.evaluate.play import controller_of, frozen_of
 from agents.provenance import todays
-from experiments.lab.parts import Section, Tab, Table, Terms, percent
+from experiments.lab.parts import Section, Tab, Table, Terms
 from experiments.lab.player import choose, films, fragment
 from experiments.lab.statistics import RESAMPLES
 from experiments.lab.study import Findings
 from experiments.report import ablation, answer, choice, holds, tables
 from experiments.report.episodes import Played
-from experiments.report.matchups import BOUND, PAPER, POLICY, Matchup
+from experiments.report.matchups import PAPER, POLICY, Matchup
 from impact_gym.task import Task
 
 CHOSEN_ON = {  # words for `episodes.calibration_scenarios`; the keys are keys of `Matchup.scenarios`
@@ -143,42 +143,17 @@ def _method(found: Sequence[Analysis], own: bool) -> Section:
 
 
 def _of_all(found: Sequence[Analysis]) -> list[Table]:
-    """Return the tables with a row for each set-up."""
-    answers, choices, shares = list[list[str]](), list[list[str]](), list[dict[str, str]]()
-    for each in found:
-        played, result, name = each.played, each.answer, each.played.matchup.name
-        rule, policy = (run.means(weight) for run, weight in (
-            (played.paper, played.paper.weights[0]), (played.policy, played.matchup.typical)))  # fmt: skip
-        labels = played.matchup.labels | {played.matchup.chosen: POLICY}
-        best = labels[each.choice.controller]
-        cost = {kind: f"{run.loss(played.matchup.typical).mean():.3f}" for kind, run in (
-            ("rule", played.paper), ("policy", played.policy))}  # fmt: skip
-        choices.append([name, best, f"{each.choice.cost:.3f}", cost["rule"], cost["policy"], str(each.choice.missed)])
-        if played.matchup.operated:
-            continue
-        profile = percent(result.rival_reduction) if result.rival_reduction else f"- (always {result.rival_apart})"
-        answers.append([
-            name, f"{rule['T']:.3f}", f"{rule['V']:.3f}", f"{result.velocity:.3f}", profile,
-            percent(result.reduction) + ("" if result.reached else " (at the nearest time)"),
-            f"{rule['missed'] / played.count:.1%}", f"{policy['missed'] / played.count:.1%}", best,
-        ])  # fmt: skip
-        shares.append({"set-up": name} | {step.added: step.limit + percent(step.velocity.share) for step in each.steps
-                                          if step.velocity.share and step.contestant != BOUND})  # fmt: skip
-    added = ["set-up", *sorted({word for row in shares for word in row} - {"set-up"},
-                               key=lambda word: (*ablation.ABILITIES.values(), word).index(word))]  # fmt: skip
+    """Return the tables with one or more rows for each set-up."""
+    alone = [each for each in found if not each.played.matchup.operated]
     return [
-        Table("V_p at the mean time of the paper's rule, against the rule", (
-            "set-up", "mean time of the rule (s)", "V_p of the rule (m/s)", "V_p of the policy (m/s)",
-            "V_p lower with the main baseline by", "V_p lower with the policy by", "missed by the rule",
-            "missed by the policy", "best choice"), answers, "report-answers"),
-        Table("Share of each step from the rule to the policy in the reduction of V_p; 95 % intervals", added,
-              [[row.get(word, "") for word in added] for row in shares], "report-ablation"),
-        Table("The simplest controller whose cost is not clearly above the lowest, at the typical time weight", (
-            "set-up", "best choice", "its cost (m/s)", "the rule's cost (m/s)", "the policy's cost (m/s)",
-            "objects missed"), choices, "report-choices"),
-        Table("Mean cost (m/s) and missed objects with one thing changed", (
-            "set-up, change", "rule", "main baseline", "policy", "missed by the policy"),
-            [row for each in found for row in holds.lines(each.played)], "report-robustness"),
+        Table.joined("V_p at the mean time of the paper's rule, against the rule",
+                     [answer.row(each.answer, each.played) for each in alone], "report-answers"),
+        Table.joined("Share of each step from the rule to the policy in the reduction of V_p; 95 % intervals",
+                     [ablation.row(each.steps, each.played) for each in alone], "report-ablation"),
+        Table.joined("The simplest controller whose cost is not clearly above the lowest, at the typical time weight",
+                     [choice.row(each.choice, each.played) for each in found], "report-choices"),
+        Table.joined("Mean cost (m/s) and missed objects with one thing changed",
+                     [row for each in found for row in holds.rows(each.played)], "report-robustness"),
     ]  # fmt: skip
 
 

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from experiments.lab.charts import OTHERS, SERIES
 from experiments.lab.parts import Picture, Table, percent
 from experiments.lab.statistics import Comparison, estimate, tolerated
-from experiments.report.answer import Answer, at_least, sooner
+from experiments.report.answer import Answer, at_least, rival_words, sooner
 from experiments.report.episodes import Played
 from experiments.report.matchups import BOUND, PAPER, POLICY
 from impact_gym.task.task import VELOCITY_RANGE
@@ -16,12 +16,11 @@ LOOKS = (("-", "X"), ("-", "o"), ("--", "s"), (":", "D"), ("-.", "^"), ((0, (8, 
 
 def answered(answer: Answer, played: Played) -> Table:
     """Return the table of the answer, with intervals."""
-    rival = percent(answer.rival_reduction) if answer.rival_reduction else f"- (always {answer.rival_apart})"
     reduction = percent(answer.reduction) + ("" if answer.reached else " (at the nearest time of the policy)")
     body = [
         ("V_p lower at the paper's approach time", reduction),
         ("95 % of trainings: at least", at_least(answer)),
-        (f"V_p lower there, {played.matchup.rival.plain}", rival),
+        (f"V_p lower there, {played.matchup.rival.plain}", rival_words(answer)),
         ("approach time at the paper's V_p", "(not reached) " * (answer.beyond == "faster") + sooner(answer)),
         ("V_p at the paper's approach time (m/s)", f"{answer.velocity:.3f}"),
         ("share of scenarios with a lower V_p", percent(answer.improvement)),
