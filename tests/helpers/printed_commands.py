@@ -1,4 +1,4 @@
-"""Commands that pages, cards and reports print: their own parsers read the options, and nothing is run."""
+"""Commands that pages, cards and reports print: their own parsers read the options, values exist, nothing is run."""
 
 import argparse
 import re
@@ -6,10 +6,14 @@ import runpy
 import shlex
 import sys
 import warnings
+from pathlib import Path
 
 import pytest
 import tyro
 
+from agents.baselines.tuned import FIXED
+from agents.setups import shipped, shipped_baselines
+from experiments import studies
 from experiments.command import COMMANDS
 
 MODULES = {name: command.module for group in COMMANDS.values() for name, command in group.items()}
@@ -19,17 +23,26 @@ STANDS_FOR = {
 }  # fmt: skip
 """Values for the placeholders of a usage line."""
 
+ROOT = Path(__file__).parents[2]
+FILE = re.compile(r"(?<![\w/.:-])(?:agents|docs|experiments|impact_gym|tests)/[\w./-]*\w")
+"""The name of a file or folder of this repository."""
+NAMED = {*shipped(), *shipped_baselines(), *FIXED}
+
 
 class Read(BaseException):
     """Raised after a command has read its options."""
 
 
 def read_options(module, words, monkeypatch):
-    """Let a command read its options, and stop it then."""
+    """Let a command read its options, and stop it then; the tables, set-ups and controllers in them exist."""
+    unknown = {word for word in words if re.fullmatch("[a-z]+(-[a-z]+)+", word)} - NAMED
+    assert not unknown, f"{module} {words}: {unknown}"
 
     def and_stop(read):
         def reading(*arguments, **options):
-            read(*arguments, **options)
+            command = read(*arguments, **options)
+            if module == MODULES["study"]:
+                assert {*command.options.only} <= {table.name for table in studies.load(command.name).measurements}
             raise Read
 
         return reading
