@@ -110,12 +110,11 @@ def test_examples_of_a_page_run_and_print_what_it_shows(page, tmp_path, monkeypa
             assert tomllib.loads(code) if language == "toml" else language == "diff", where
 
 
-PRINTED = {
+PRINTED = {  # commands in texts and on cards
     *(command for page in PAGES for command in re.findall("`(impact-gym [a-z][^`]*)`", page.read_text())),
     *(command for path in SHIPPED.glob("*.npz") for command in re.findall(
         r"made by: (impact-gym [^(]*)", "\n".join(policies.card(path.stem)))),
 }  # fmt: skip
-"""Commands in texts and on cards."""
 
 
 @pytest.mark.parametrize("command", sorted(PRINTED))

@@ -11,7 +11,7 @@ from solver_scenes import COUPLINGS, MOTION, ROBOTS, scene
 import impact_gym as ig
 from experiments.studies.solvers import approaches, contenders, taylor
 from experiments.studies.solvers.approaches import Approach, Solution
-from experiments.studies.solvers.contenders import CAREFUL, OURS, PEER
+from experiments.studies.solvers.contenders import HEYOKA, OURS, SCIPY
 from experiments.studies.speed import precision
 from experiments.studies.stability import promises, storm
 
@@ -29,11 +29,11 @@ def test_named_approaches_agree_with_34_digits(name):
 
 
 def test_a_rival_that_is_missing_or_fails_is_a_row(monkeypatch):
-    monkeypatch.setitem(sys.modules, PEER, None)
+    monkeypatch.setitem(sys.modules, HEYOKA, None)
     taylor.integrator.cache_clear()
     (row,) = contenders.true_row("stiff")
     truth = {name: row[name] for name in ("velocity", "detection_time", "contacts")}
-    ours, *failed = contenders.timed("stiff", truth, [(OURS, 1e-6), (f"{CAREFUL} Euler", 1e-6), (PEER, 1e-6)], rounds=2)
+    ours, *failed = contenders.timed("stiff", truth, [(OURS, 1e-6), (f"{SCIPY} Euler", 1e-6), (HEYOKA, 1e-6)], rounds=2)
     assert ours["failure"] == ""
     assert 0.0 < ours["microseconds"] < math.inf
     assert ours["velocity_error"] < 1e-6
@@ -53,7 +53,8 @@ def test_failure_names_the_error_of_a_solution():
 
 
 def test_ratio_is_of_the_two_times_in_its_row():
-    rows = [[PEER, 1e-3, 10.0, 1e-9], [PEER, 1e-4, 100.0, 1e-5], [PEER, 1e-5, 1e3, 1e-7], [OURS, 1e-6, 50.0, 1e-8]]
+    rows = [[HEYOKA, *each] for each in ((1e-3, 10.0, 1e-9), (1e-4, 100.0, 1e-5), (1e-5, 1e3, 1e-7))]
+    rows.append([OURS, 1e-6, 50.0, 1e-8])
     rows = pl.DataFrame(rows, ["contender", "setting", "microseconds", "velocity_error"], orient="row")
     times = rows.with_columns(failure=pl.lit(""), scene=pl.lit("soft"), description=pl.lit("one"))
     no = "not reached"

@@ -12,7 +12,7 @@ from experiments.lab.study import Row
 from experiments.studies.solvers.approaches import Approach, Solution, named
 from experiments.studies.solvers.taylor import TaylorApproach
 
-OURS, CAREFUL, PEER = "impact_gym", "SciPy", "heyoka"  # "SciPy": `experiments.reference` with METHODS of SciPy
+OURS, SCIPY, HEYOKA = "impact_gym", "SciPy", "heyoka"  # "SciPy": `experiments.reference` with METHODS of SciPy
 METHODS = ("RK45", "DOP853", "LSODA", "Radau")
 # modules on which the rows of contenders depend, in addition to `experiments.lab.study.SOLVER`
 JUDGES = ("experiments.reference", "experiments.lab.scenes", "experiments.studies.solvers")
@@ -52,10 +52,10 @@ def solved(approach: Approach, name: str, setting: float) -> tuple[Solution, flo
     without METHODS. heyoka: time in the library.
     """
     kind, _, method = name.partition(" ")
-    if kind == CAREFUL:
+    if kind == SCIPY:
         outcome = reference.simulate(*approach.run, rtol=setting, method=method)
         return Solution.of(outcome, approach.duration), outcome.contact_seconds
-    if kind == PEER:
+    if kind == HEYOKA:
         run = TaylorApproach(*approach.run, setting)
         return run.solve(), run.seconds
     begun = thread_time()
@@ -67,7 +67,7 @@ def solved(approach: Approach, name: str, setting: float) -> tuple[Solution, flo
 def judged(approach: Approach, name: str, setting: float, truth: Solution) -> Row:
     """Return time per call (µs), failure, error of V_p (m/s) and counts; after an exception, only the first two."""
     try:
-        if name == PEER:  # the first call compiles
+        if name == HEYOKA:  # the first call compiles
             solved(approach, name, setting)
         solution, seconds = solved(approach, name, setting)
         calls = 1

@@ -17,17 +17,17 @@ from experiments.lab.parts import Picture, Section, Table
 from experiments.lab.study import Cell, Frames
 from experiments.studies.solvers import contenders
 from experiments.studies.solvers.approaches import Solution
-from experiments.studies.solvers.contenders import CAREFUL, OURS, PEER, power
+from experiments.studies.solvers.contenders import HEYOKA, OURS, SCIPY, power
 
 FINE, OTHER = 1e-6, (1e-4, 1e-8, 1e-10)  # m/s, errors of V_p at which contenders are compared
 RTOLS = tuple(float(f"1e-{k}") for k in range(3, 14))
-CONTENDERS = {OURS: (OURS,), PEER: (PEER,), CAREFUL: tuple(f"{CAREFUL} {method}" for method in contenders.METHODS)}
+CONTENDERS = {OURS: (OURS,), HEYOKA: (HEYOKA,), SCIPY: tuple(f"{SCIPY} {method}" for method in contenders.METHODS)}
 LONGEST = 800.0  # s, time limit of a cell, including the time in which heyoka compiles
 EDGES = (1e-16, 1e1)  # m/s; errors outside these limits are drawn at the limit
 STYLES: dict[str, dict[str, Any]] = {
     OURS: {"color": SERIES[0], "marker": "o", "linestyle": "-", "linewidth": 2.4, "markersize": 4, "zorder": 3},
-    CAREFUL: {"color": OTHERS, "marker": "s", "linestyle": "--", "linewidth": 1.2, "markersize": 4},
-    PEER: {"color": SERIES[1], "marker": "^", "linestyle": "--", "linewidth": 1.2, "markersize": 4},
+    SCIPY: {"color": OTHERS, "marker": "s", "linestyle": "--", "linewidth": 1.2, "markersize": 4},
+    HEYOKA: {"color": SERIES[1], "marker": "^", "linestyle": "--", "linewidth": 1.2, "markersize": 4},
 }
 
 
@@ -63,7 +63,7 @@ def table_of(times: pl.DataFrame, error: float) -> Table:
         lines.append([str(scene), str(what), *shown, *ratio])
     heads = (*(f"{name} (µs)" for name in CONTENDERS), *(f"{name} / {OURS}" for name in [*CONTENDERS][1:]))
     caption = (f"Processor time of an approach, fastest setting with an error of at most {power(error)} m/s in V_p; "
-               f"{CAREFUL}: only of the approach's contacts")  # fmt: skip
+               f"{SCIPY}: only of the approach's contacts")  # fmt: skip
     return Table(caption, ("approach", "what it is", *heads), lines, "speed-cheapest" if error == FINE else "")
 
 
