@@ -63,13 +63,9 @@ def analyse(frames: Frames, quick: bool) -> Findings:
             sections.append(Section(heading, pictures, key=key))
             sections.append(Section(f"{len(rows)} statements about these figures", [shown], folded=True))
     if "identified" in frames:
-        values_chosen = table(
-            "Values that the paper does not print.",
-            "Quantity|Value|Determined by|Ours",
-            frames["identified"].rows(),
-            "paper-identified",
-        )
-        sections.append(Section("Identified values", [values_chosen], key="identified"))
+        head, rows = "Quantity|Value|Determined by|Ours", frames["identified"].rows()
+        shown = table("Values that the paper does not print.", head, rows, "paper-identified")
+        sections.append(Section("Identified values", [shown], key="identified"))
     corrections = table("Corrections of the print.", "Where|Correction", values.corrections(), "paper-corrections")
     every = [(each.text, each.place, each.verdict, each.ours, each.wrong or "-") for each in statements]
     head = "Statement|Where|Verdict|Our result|Wrong model"

@@ -9,24 +9,13 @@ import numpy as np
 import polars as pl
 
 import impact_gym as ig
+from experiments.lab import scenes
 from experiments.lab.charts import SERIES
 from experiments.lab.parts import Picture
-from experiments.lab.scenes import (
-    BRAKE,
-    DISTANCE,
-    HEAVY_MASS,
-    HOLD,
-    LINEAR,
-    MECHANISM,
-    MOTION,
-    OBJECT_MASS,
-    STEADY,
-    THRESHOLD,
-    scene,
-)  # fmt: skip
+from experiments.lab.scenes import BRAKE, LINEAR, MECHANISM, MOTION, OBJECT_MASS, STEADY, scene
 from experiments.lab.study import Row
 from experiments.studies.paper.models import PAPER, Model
-from experiments.studies.paper.runs import changes, enclose_changes, panels, picture, where
+from experiments.studies.paper.runs import changes, enclose_changes, of_stiffness, panels, picture, where
 from experiments.studies.paper.statements import Figure, Reading, Statement
 from impact_gym.render.palette import FLANGE, TOOL
 from impact_gym.scene import Coupling
@@ -40,12 +29,12 @@ MIDDLE_STIFFNESS, SMALL_RESTITUTION = 1e5, 0.1  # k_c (N/m^1.5) if the restituti
 NEVER = -1.0  # s, the value of `delay` in rows without a brake
 PERSON = 0.2  # s, reaction time of a person to an expected signal
 FROM_TOUCH = np.round(np.arange(0.002, 0.1001, 0.002), 3)  # s, from the touch to the start of braking
-MASSES = np.unique(np.append(np.geomspace(0.1, HEAVY_MASS, 41), OBJECT_MASS))  # kg, of the object
+MASSES = np.unique(np.append(np.geomspace(0.1, scenes.HEAVY_MASS, 41), OBJECT_MASS))  # kg, of the object
 SIZES = {0.25: 500.0, 1.0: 1e3, 4.0: 2e3}  # k_c (N/m^1.5), by the ratio of the object's radius to that in the paper
 CHANGES = np.linspace(0.9, 1.1, 9)  # factors that multiply the mechanism's height H and its front stop
 ENOUGH = 40.0  # %, least reduction that we accept as 'about 50 %'
 SPEEDS = np.round(np.arange(0.2, 2.0001, 0.02), 2)  # m/s, of the approach
-CRUISE = DISTANCE / MOTION.speed - MOTION.speed / (2.0 * MOTION.acceleration)  # s, time at full speed in Fig. 23
+CRUISE = scenes.DISTANCE / MOTION.speed - MOTION.speed / (2.0 * MOTION.acceleration)  # s, time at full speed in Fig. 23
 
 
 def beyond_delay(model: Model = PAPER) -> pl.DataFrame:
@@ -77,31 +66,31 @@ def _statements_delay(frame: pl.DataFrame) -> Iterator[Statement]:
     rows = frame.filter(pl.col("delay") != NEVER)
     light = rows.filter(coupling="spring", over="restitution", delay=PERSON, object="light")
     late = [light.filter(restitution=e)["of_rigid"].item() for e in (0.1, 0.3, 1.0)]
-    for who, when, since, wrong, more, why in (
-        ("robot", pl.col("delay") <= BRAKE.delay, "with a brake up to 16 ms late", "fixed tool", "", ""),
+    for who, when, since, wrong, why in (
+        ("robot", pl.col("delay") <= BRAKE.delay, "with a brake up to 16 ms late", "fixed tool", ""),
         ("operator", pl.col("delay") >= PERSON, "with a brake at least 200 ms late", "damping of Hunt and Crossley",
-         "; spring at 200 ms: {:.2f} times at e = 0.1, {:.2f} at 0.3, {:.2f} at 1".format(*late),
+         "Spring, 200 ms, k_c = 1e5: {:.2f} times at e = 0.1, {:.2f} at 0.3, {:.2f} at 1. ".format(*late) +
          "A person reacts after 0.21 to 0.23 s on average (Woods et al., Front. Hum. Neurosci. 9 (2015) 131). By then "
          "the tool is at the end of its travel; the robot pushes an object of small restitution, which is still near."),
     ):  # fmt: skip
         own = rows.filter(pl.col("coupling") != "rigid", when)["of_rigid"].to_numpy()
         share = 100.0 * np.mean(own < 1.0)
         yield Statement(
-            who, "1", f"The tool delays the moment in which it actively pushes the objects, giving time to the {who}",
+            who, "Section 1", f"The tool delays the moment in which it pushes, giving time to the {who}",
             rule=f"V_p of spring and mechanism below the rigid tool's in 95 % of all combinations, {since}",
             holds=bool(share > 95.0), wrong=wrong, why=why,
-            ours=f"{since}, V_p is below the rigid tool's in {share:.1f} % of combinations{more}")  # fmt: skip
+            ours=f"V_p is below the rigid tool's in {share:.1f} % of combinations {since}")  # fmt: skip
     at_16_ms = where(rows, coupling="rigid", object="light", over="stiffness", delay=BRAKE.delay)
     stiffness, gains = at_16_ms["stiffness"], 100.0 * (1.0 - at_16_ms["of_free"])
     most = np.abs(gains[stiffness >= 1e6]).max()
     yield Statement(
-        "short_contact", "2",
+        "short_contact", "Section 2",
         "If the impact is short in comparison with its response time, the robot has a very short time to decelerate",
         rule="from k_c = 1e6 on, where contacts end within 16 ms, braking changes V_p of the rigid tool by below 1 %",
-        holds=bool(most < 1.0), ours=f"by at most {most:.0e} %", wrong="object 100 times as heavy")  # fmt: skip
+        holds=bool(most < 1.0), ours=f"by at most {most:.4f} %", wrong="object 100 times as heavy")  # fmt: skip
     soft, stiff = np.interp([3.0, 5.0], np.log10(stiffness), gains)
     yield Statement(
-        "soft_contact", "6",
+        "soft_contact", "Section 6",
         "A decrease in contact stiffness increases the duration; the robot can start braking during the contact",
         rule="after 16 ms the brake lowers V_p of the rigid tool by over 10 % at k_c = 1e3, by below 1 % at 1e5",
         holds=bool(soft > 10.0 and stiff < 1.0), wrong="object 100 times as heavy",
@@ -110,15 +99,15 @@ def _statements_delay(frame: pl.DataFrame) -> Iterator[Statement]:
 
 def _pictures_delay(frame: pl.DataFrame) -> Iterator[Picture]:
     sheet, axes = panels(10.4, 8.0, nrows=2, ncols=2, sharex=True, sharey=True)
-    shown = {"stiffness": ([1e2, 1e3, 1e4, 1e5, 1e6, 1e8], "k_c = {:g} N/m^1.5", "e = 0.1"),
-             "restitution": ([0.1, 0.2, 0.3, 0.5, 0.7, 1.0], "e = {:g}", "k_c = 1e5 N/m^1.5")}  # fmt: skip
+    shown = {"stiffness": ([1e2, 1e3, 1e4, 1e5, 1e6, 1e8], of_stiffness, "e = 0.1"),
+             "restitution": ([0.1, 0.2, 0.3, 0.5, 0.7, 1.0], "e = {:g}".format, "k_c = 1e5 N/m^1.5")}  # fmt: skip
     cases = product(shown.items(), ("spring", "bistable"))
     for panel, ((over, (values, label, title)), coupling) in zip(axes, cases, strict=True):
         rows = frame.filter(pl.col("delay") != NEVER, coupling=coupling, object="light", over=over)
         points = rows[over].unique().to_numpy()
         for colour, value in zip(SERIES, values, strict=True):
             line = where(rows, **{over: float(points[np.abs(np.log(points / value)).argmin()])})
-            panel.plot(1e3 * line["delay"], line["of_rigid"], color=colour, label=label.format(value))
+            panel.plot(1e3 * line["delay"], line["of_rigid"], color=colour, label=label(value))
         panel.set(title=f"{coupling}, {title}", xlabel="delay of the brake (ms)", ylabel="V_p over the rigid tool's")
         if coupling == "spring":
             panel.legend(fontsize=8)
@@ -137,7 +126,7 @@ def _notice_delays(model: Model, approach: ig.Scene) -> tuple[float, float]:
     change = np.abs(trace.coupling_force - np.interp(0.0, time, trace.coupling_force))
     if isinstance(approach.coupling, ig.Rigid):
         change = trace.contact_force  # a fixed tool transmits the contact force to the robot
-    felt = [force > THRESHOLD for force in (trace.contact_force, change)]
+    felt = [force > scenes.THRESHOLD for force in (trace.contact_force, change)]
     by_tool, by_robot = (float(time[(time >= 0.0) & above][0]) for above in felt)
     return by_tool, by_robot
 
@@ -164,7 +153,7 @@ def _statements_detection(frame: pl.DataFrame) -> Iterator[Statement]:
     (by_tool,), (by_robot,) = tool["object_velocity"], robot["object_velocity"]
     change = 100.0 * (by_robot / by_tool - 1.0)
     yield Statement(
-        "torque_sensor", "1", "The robot can feel the impact via sensors on the tool or via its torque sensor",
+        "torque_sensor", "Section 1", "The robot can feel the impact via sensors on the tool or via its torque sensor",
         rule="V_p within 5 %, whether tool or robot notices, with the bistable mechanism",
         holds=bool(abs(change) < 5.0),
         ours=f"the mechanism's force on the robot has changed by 1 N {robot_delay - tool_delay:.1f} ms after the "
@@ -173,7 +162,7 @@ def _statements_detection(frame: pl.DataFrame) -> Iterator[Statement]:
     free = 1e3 * grid["delay"][grid["object_velocity"] < 1.05 * by_tool].max()
     (fixed,) = where(frame, coupling="rigid", noticed_by="tool")["object_velocity"]
     yield Statement(
-        "enough_time", "1",
+        "enough_time", "Section 1",
         "Thanks to the design of the tool, the robot has enough time to elaborate the signals and respond",
         rule="with the mechanism V_p is within 5 % also where the braking begins later than 16 ms after the robot "
         "noticed, and below 60 % of the fixed tool's", holds=bool(free > robot_delay and by_robot < 0.6 * fixed),
@@ -206,7 +195,7 @@ def beyond_objects(model: Model = PAPER) -> pl.DataFrame:
     """Simulate the fixed tool, the mechanism, and each mechanism changed by CHANGES that still holds the tool."""
     height, stop = MECHANISM.height, MECHANISM.front_stop
     candidates = [replace(MECHANISM, height=h * height, front_stop=s * stop) for h, s in product(CHANGES, CHANGES)]
-    holding = [coupling for coupling in candidates if coupling.holding_force >= HOLD]
+    holding = [coupling for coupling in candidates if coupling.holding_force >= scenes.HOLD]
     couplings: list[Coupling] = [ig.Rigid(), MECHANISM, *holding]
     frames = []
     for size, stiffness in SIZES.items():
@@ -226,7 +215,7 @@ def _statements_objects(frame: pl.DataFrame) -> Iterator[Statement]:
     least = frame["changed_less"].to_numpy().min()
     stuck = frame.filter(pl.col("snap_count") != 1)["object_mass"].to_numpy().max(initial=0.0)
     yield Statement(
-        "small_modifications", "1",
+        "small_modifications", "Section 1",
         "The tool requires very small modifications when dealing with objects of different sizes and masses",
         rule="H and front stop changed by at most 10 %: V_p at least 40 % below the fixed tool's, for objects of 1/4 "
         "to 4 times the radius, and of the masses between the paper's two, 0.25 and 2.5 kg",
@@ -279,7 +268,7 @@ def _statements_speed(frame: pl.DataFrame) -> Iterator[Statement]:
     fixed = where(frame, coupling="rigid", speed=MOTION.speed)["object_velocity"][0]
     faster = speed[velocity <= fixed].max(initial=0.0)
     yield Statement(
-        "faster", "1", "The approach velocity can be incremented, allowing faster movements",
+        "faster", "Section 1", "The approach velocity can be incremented, allowing faster movements",
         rule="at some speed above 1 m/s the bistable tool gives no more V_p than the fixed tool at 1 m/s",
         holds=bool(faster > 1.0),
         ours=f"up to {faster:.2f} m/s with no more V_p than the fixed tool gives at 1 m/s, {fixed:.3f} m/s",
@@ -288,7 +277,7 @@ def _statements_speed(frame: pl.DataFrame) -> Iterator[Statement]:
     fails_below = speed[(speed < MOTION.speed) & (rows["passes"] % 2 == 0)].max(initial=0.0)
     turns = "; ".join(f"{before} to {after} at {v:.3f} m/s" for v, before, after in changes(rows, "speed", "passes"))
     yield Statement(
-        "second_configuration", "6",
+        "second_configuration", "Section 6",
         "A decrease in the impact velocity may prevent the mechanism from reaching the second stable configuration",
         rule="at some speed below 1 m/s the slider ends ahead of the alignment, at 1 m/s behind it",
         holds=bool(0.0 < fails_below < 1.0 and passes[0] == 1), wrong="spring for a mechanism",
@@ -296,14 +285,14 @@ def _statements_speed(frame: pl.DataFrame) -> Iterator[Statement]:
     better = speed[velocity < np.interp(speed, linear["speed"], linear["object_velocity"])]
     ends = (better.min(), better.max()) if better.size else (np.nan, np.nan)
     yield Statement(
-        "tuned", "6", "The bi-stable mechanism has to be tuned to the impact velocity",
+        "tuned", "Section 6", "The bi-stable mechanism has to be tuned to the impact velocity",
         rule="at the lowest and at the highest speed V_p above that of the linear tool, between them below it",
         holds=bool(ends[0] > speed[0] and ends[1] < speed[-1]), wrong="mechanism for a spring",
         ours=f"the mechanism of Fig. 23 is worse below {ends[0]:.2f} and above {ends[1]:.2f} m/s")  # fmt: skip
     at_10, at_11, at_12 = np.interp([1.0, 1.1, 1.2], speed, velocity)
     change, change_12 = 100.0 * (at_11 / at_10 - 1.0), 100.0 * (at_12 / at_10 - 1.0)
     yield Statement(
-        "small_increase", "6",
+        "small_increase", "Section 6",
         "A small increase in the impact velocity does not greatly change the behavior of the system",
         rule="at 1.1 m/s the mechanism snaps through once, as at 1 m/s; V_p is within 10 %",
         holds=bool(abs(change) < 10.0 and passes[1] == 1), wrong="spring for a mechanism",
@@ -311,7 +300,7 @@ def _statements_speed(frame: pl.DataFrame) -> Iterator[Statement]:
         reading=Reading("1.2 m/s", bool(abs(change_12) < 10.0), f"V_p changes by {change_12:.0f} %"))  # fmt: skip
     spreads = [np.ptp(where(frame, coupling=name)["ratio"]) for name in ("bistable", "rigid", "spring")]
     yield Statement(
-        "extension", "6",
+        "extension", "Section 6",
         "The extension of the results to different velocities is difficult due to the non-linearities",
         rule="between 0.2 and 2 m/s V_p over impact speed varies more than with the linear and with the fixed tool",
         holds=bool(spreads[0] > max(spreads[1:])), wrong="mechanism for a spring",

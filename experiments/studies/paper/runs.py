@@ -123,6 +123,11 @@ def picture(name: str, sheet: Sheet, heading: str, caption: str, alternative: st
     return Picture(name, sheet, alternative, caption, heading, wide=sheet.get_figwidth() > SCALE * WIDE)
 
 
+def of_stiffness(k_c: float) -> str:
+    """Return the label of a contact stiffness that is a power of ten (N/m^1.5)."""
+    return f"k_c = 1e{np.log10(k_c):.0f} N/m^1.5"
+
+
 def velocities(axes: Any, run: Run, title: str, until: tuple[float, float], robot: str = "flange") -> None:
     """Draw the velocities of robot, tool and object over time; `robot`: the flange, or its "command"."""
     trace = run.trace
@@ -131,7 +136,7 @@ def velocities(axes: Any, run: Run, title: str, until: tuple[float, float], robo
     axes.plot(trace.time, trace.tool_velocity, color=TOOL, label="tool")
     axes.plot(trace.time, trace.object_velocity, color=OBJECT, label="object")
     axes.set(title=title, xlabel="time (s)", ylabel="velocity (m/s)", xlim=until)
-    axes.legend(loc="upper left")
+    axes.legend(loc="center right" if until[0] else "upper left")
 
 
 def forces(axes: Any, run: Run) -> None:

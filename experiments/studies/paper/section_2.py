@@ -16,7 +16,7 @@ from experiments.lab.parts import Picture
 from experiments.lab.scenes import OBJECT_MASS, REDUCED_MASS, STEADY, TOOL_MASS, scene
 from experiments.lab.study import Row
 from experiments.studies.paper.models import PAPER, Model
-from experiments.studies.paper.runs import panels, picture, where
+from experiments.studies.paper.runs import of_stiffness, panels, picture, where
 from experiments.studies.paper.statements import Figure, Statement
 from impact_gym.physics import impact
 
@@ -49,8 +49,7 @@ def _statements_06(frame: pl.DataFrame) -> Iterator[Statement]:
     force = where(grid, case="a", contact_stiffness=1e5)["peak_force"]
     lowest = int(np.argmin(force))
     yield Statement(
-        "force", "2.2, Fig. 6",
-        "If k_c remains constant, the contact force increases as e decreases, owing to the damper force",
+        "force", "Fig. 6", "If k_c remains constant, the contact force increases as e decreases",
         rule="rises at every step from e = 1 down to 0.05 (fixed tool, k_c = 1e5)",
         holds=bool((np.diff(force) < 0).all()),
         ours=f"{force[-1]:.1f} N at e = 1, {force[lowest]:.1f} N at {RESTITUTIONS[lowest]:g}, {force[0]:.1f} N at 0.05",
@@ -59,14 +58,13 @@ def _statements_06(frame: pl.DataFrame) -> Iterator[Statement]:
     durations = np.array([where(grid, case=case, contact_stiffness=k_c)["duration"]
                           for case, k_c in product("ab", STIFFNESSES)])  # fmt: skip
     yield Statement(
-        "duration", "2.2, Fig. 7", "The impact duration increases with the decrease in e",
+        "duration", "Fig. 7", "The impact duration increases with the decrease in e",
         rule="rises from each e to the next lower one, at every k_c, in both cases",
         holds=bool((np.diff(durations) < 0).all()), wrong="elastic contact (e = 1)",
         ours=f"{durations[0, 2] / durations[0, -1]:.2f} times as long at e = 0.1 as at e = 1")  # fmt: skip
     parting = where(frame.filter(pl.col("restitution") <= RESTITUTIONS[0]), case="b", contact_stiffness=1e5)["parting"]
     yield Statement(
-        "together", "2.2, Fig. 7",
-        "If e tends to zero (inelastic impact), the two masses move together after the impact",
+        "together", "Fig. 7", "If e tends to zero (inelastic impact), the two masses move together after the impact",
         rule="the speed at which they part falls with e, to less than 1 % of the approach velocity",
         holds=bool((np.diff(parting) > 0).all() and parting[0] < 0.01), wrong="damping of Hunt and Crossley",
         ours=f"{parting[-1]:.3f} of the approach velocity at e = 0.05, {parting[0]:.4f} at e = 0.005")  # fmt: skip
@@ -74,7 +72,7 @@ def _statements_06(frame: pl.DataFrame) -> Iterator[Statement]:
     theory = impact.free_tool(TOOL_MASS, OBJECT_MASS, 1.0, 0.0, free["restitution"])[1]
     error = 100.0 * np.abs(free["object_velocity"] / theory - 1.0)
     yield Statement(
-        "instantaneous", "2.2",
+        "instantaneous", "Section 2.2",
         "The theory of the instantaneous impact gives a good prediction of final velocities in many practical cases",
         rule="V_p of the free tool within 5 % of eq. 4 at every e from 0.1 on (k_c = 1e3)",
         holds=bool(error.max() < 5.0),
@@ -91,7 +89,7 @@ def _pictures_06(frame: pl.DataFrame) -> Iterator[Picture]:
         left.plot(rows["restitution"], rows["peak_force"], color=colour, label=f"({case}) tool {tool}")
     for colour, k_c in zip(SERIES, STIFFNESSES, strict=False):
         rows = where(grid, case="a", contact_stiffness=k_c)
-        right.semilogy(rows["restitution"], rows["duration"], color=colour, label=f"k_c = {k_c:g} N/m^1.5")
+        right.semilogy(rows["restitution"], rows["duration"], color=colour, label=of_stiffness(k_c))
     left.set(xlabel="restitution e given to eq. 7", ylabel="largest contact force (N)", title="k_c = 1e5 N/m^1.5")
     right.set(xlabel="restitution e given to eq. 7", ylabel="duration of the contact (s)", title="(a) tool fixed")
     left.legend()
@@ -141,7 +139,7 @@ def _statements_contact(frame: pl.DataFrame) -> Iterator[Statement]:
     linear, paper = (where(frame, case=case) for case in ("linear", "paper"))
     ends = [max(rows["force"][0], rows["elastic"][-1]) / rows["force"].max() for rows in (linear, paper)]
     yield Statement(
-        "overcomes", "2.2", "A non-linear contact model overcomes most of the limits of the linear one",
+        "overcomes", "Section 2.2", "A non-linear contact model overcomes most of the limits of the linear one",
         rule="the force begins, and the elastic force ends, below 1/1000 of the largest force",
         holds=bool(ends[1] < 1e-3),
         ours=f"at most {ends[1]:.0e} of the largest force; with the linear contact {ends[0]:.2f}",
@@ -151,7 +149,8 @@ def _statements_contact(frame: pl.DataFrame) -> Iterator[Statement]:
     chi = {n: where(table, n=n)["chi"] for n in EXPONENTS}
     spread = {n: values.max() / values.min() - 1.0 for n, values in chi.items()}
     yield Statement(
-        "exponents", "2.2", "The energy lost in the hysteresis loop shows that the exponent n has to be set equal to m",
+        "exponents", "Section 2.2",
+        "The energy lost in the hysteresis loop shows that the exponent n has to be set equal to m",
         rule="the chi that gives e = 0.5 at 1 m/s is the same for all masses, as eq. 7 wants, only if n = m",
         holds=bool(spread[1.5] < 1e-6 and min(spread[1.0], spread[2.0]) > 0.1), wrong="linear spring (m = 1)",
         ours=f"from 0.1 to 2.5 kg chi varies by {100 * spread[1.0]:.0f} % with n = 1, by {100 * spread[1.5]:.4f} % "
@@ -159,7 +158,7 @@ def _statements_contact(frame: pl.DataFrame) -> Iterator[Statement]:
     small = frame.filter(pl.col("nominal") < SMALL).with_columns(error=(pl.col("delivered") - pl.col("nominal")).abs())
     ours, earlier = (where(small, case=case)["error"] for case in ("eq. 7", "earlier"))
     yield Statement(
-        "equation_7", "2.2",
+        "equation_7", "Section 2.2",
         "Eq. 7 improves the model of Hunt and Crossley and extends its validity to small restitution coefficients",
         rule="below e = 0.3 always nearer to e than Hunt and Crossley, and within 0.05 of e",
         holds=bool((ours < earlier).all() and ours.max() < 0.05), wrong="damping of Hunt and Crossley",

@@ -14,19 +14,9 @@ from experiments.lab.charts import SERIES
 from experiments.lab.parts import Picture
 from experiments.lab.scenes import DISTANCE, DURATION, MOTION, STEADY, scene
 from experiments.lab.study import Row
+from experiments.studies.paper import runs
 from experiments.studies.paper.models import PAPER, Model
-from experiments.studies.paper.runs import (
-    Array,
-    Run,
-    enclose_changes,
-    histories,
-    impulses,
-    panels,
-    picture,
-    runs_of,
-    velocities_and_forces,
-    where,
-)  # fmt: skip
+from experiments.studies.paper.runs import Array, Run, histories, panels, picture, runs_of, where
 from experiments.studies.paper.statements import Figure, Reading, Statement
 
 CONTACT_STIFFNESSES = (1e3, 1e4, 1e5)  # N/m^1.5
@@ -52,7 +42,7 @@ def _rows(e: float, model: Model, **line: Any) -> list[Row]:
     rows: list[Row] = []
     for k_c in CONTACT_STIFFNESSES:
         along = partial(_point, k_c=k_c, e=e, model=model)
-        rows += enclose_changes(COUPLING_STIFFNESSES, along, "coupling_stiffness", "contacts")
+        rows += runs.enclose_changes(COUPLING_STIFFNESSES, along, "coupling_stiffness", "contacts")
     return rows + [_point(k_t, k_c, e, model, **line) for k_c, k_t in product(CONTACT_STIFFNESSES, SETTLED_STIFFNESSES)]
 
 
@@ -90,13 +80,13 @@ def _places(holds: NDArray[np.bool_]) -> str:
 def _statements_16(frame: pl.DataFrame) -> Iterator[Statement]:
     soft, middle, stiff = grid = _velocities(frame)
     yield Statement(
-        "reduction", "4.2, Fig. 16",
+        "reduction", "Fig. 16",
         "The decoupling system leads to a significant reduction in V_p (against 2 m/s in Fig. 13a)",
         rule="at least 25 % below 2 m/s on all curves", holds=bool(grid.max() < 1.5), wrong="fixed tool",
         ours=f"V_p is at most {grid.max():.3f} m/s on the curves")  # fmt: skip
     rising, settled = _rising_from(grid), np.diff(_velocities(frame, distance=SETTLED)) > 0
     yield Statement(
-        "stiffness", "4.2, Fig. 16", "The increase in stiffness k_t and in damping c_t increases V_p",
+        "stiffness", "Fig. 16", "The increase in stiffness k_t and in damping c_t increases V_p",
         rule="rises at every step of k_t from 5 to 200 N/m, at zeta = 1, on all curves", holds=max(rising) == 5.0,
         ours="with k_c = 1e3, 1e4, 1e5 V_p rises from {:g}, {:g}, {:g} N/m on".format(*rising),
         why="On soft springs the tool still swings when it strikes; the softer the spring, the faster the tool.",
@@ -105,13 +95,13 @@ def _statements_16(frame: pl.DataFrame) -> Iterator[Statement]:
                         f"V_p rises at {settled.sum()} of {settled.size} steps"))  # fmt: skip
     order = (soft > middle) & (middle > stiff)
     yield Statement(
-        "contact_stiffness", "4.2, Fig. 16", "An increase in k_c leads to a decrease in V_p",
+        "contact_stiffness", "Fig. 16", "An increase in k_c leads to a decrease in V_p",
         rule="V_p at 1e3 above that at 1e4 above that at 1e5, at every k_t", holds=bool(order.all()),
         ours=f"holds {_places(order)}", wrong="no brake")  # fmt: skip
     again = where(frame.filter(pl.col("contacts") > 1), distance=DISTANCE)
     energies = (again["object_velocity"] / again["after_first"]) ** 2
     yield Statement(
-        "rebounds", "6", "Rebounds of the tool give back energy to the object and cause multiple collisions",
+        "rebounds", "Section 6", "Rebounds of the tool give back energy to the object and cause multiple collisions",
         rule="where Fig. 16 has several contacts, the object has more energy after the last than after the first",
         holds=bool(energies.size and (energies > 1.0).all()), wrong="mechanism for a spring",
         ours=f"up to {energies.max(initial=0.0):.2f} times the energy after the first contact, on {energies.size} "
@@ -126,7 +116,7 @@ def _curves(
     for colour, k_c in zip(SERIES, CONTACT_STIFFNESSES, strict=False):
         whole, other = (where(curves, contact_stiffness=k_c, **{"distance": DISTANCE, "braked": True} | line)
                         for line in ({}, dashed))  # fmt: skip
-        axes.plot(whole["coupling_stiffness"], whole["object_velocity"], color=colour, label=f"k_c = {k_c:g} N/m^1.5")
+        axes.plot(whole["coupling_stiffness"], whole["object_velocity"], color=colour, label=runs.of_stiffness(k_c))
         axes.plot(other["coupling_stiffness"], other["object_velocity"], "--", color=colour, linewidth=0.8)
     axes.set(xlabel="coupling stiffness k_t (N/m)", ylabel="final object velocity V_p (m/s)")
     axes.legend(fontsize=9)
@@ -148,15 +138,15 @@ def _statements_18(frame: pl.DataFrame) -> Iterator[Statement]:
     order, unbraked = (soft < middle) & (middle < stiff), _velocities(frame, braked=False)
     ordered = (np.diff(unbraked, axis=0) > 0).all(axis=0)
     yield Statement(
-        "contact_stiffness", "4.2, Fig. 18", "The decrease in k_c leads to a reduction in V_p, opposite to e = 1",
+        "contact_stiffness", "Fig. 18", "The decrease in k_c leads to a reduction in V_p",
         rule="V_p at 1e3 below that at 1e4 below that at 1e5, at every k_t", holds=bool(order.all()),
-        ours=f"holds {_places(order)}; without a brake at {ordered.sum()} of {ordered.size} values of k_t",
-        wrong="fixed tool",
+        ours=f"holds {_places(order)}", wrong="fixed tool",
         why="Two terms of eq. 22 compete: a stiffer contact overlaps less with the braking and gets more impulse, but "
-        "the bodies part more slowly, which lowers 1 + e. On soft springs the second term is larger.")  # fmt: skip
+        "the bodies part more slowly, which lowers 1 + e. On soft springs the second term is larger. Without a brake "
+        f"the order holds at {ordered.sum()} of {ordered.size} values of k_t.")  # fmt: skip
     rising = _rising_from(grid)
     yield Statement(
-        "impulse", "4.1, Fig. 18", "The impulse generated by the decoupling system increases the final velocity",
+        "impulse", "Fig. 18", "The impulse generated by the decoupling system increases the final velocity",
         rule="V_p rises with k_t at every step from 5 to 200 N/m, on all curves", holds=max(rising) == 5.0,
         ours="with k_c = 1e3, 1e4, 1e5 V_p rises from {:g}, {:g}, {:g} N/m on".format(*rising),
         wrong="fixed tool")  # fmt: skip
@@ -181,7 +171,7 @@ def _statements_17(frame: pl.DataFrame) -> Iterator[Statement]:
     before = a.part(np.cumsum(a.contact) == 0)
     stretch = 1e3 * (before.tool_position - before.flange_position)
     yield Statement(
-        "compressed", "4.2, Fig. 17",
+        "compressed", "Fig. 17",
         "The end-effector is compressed by the inertia force during the acceleration of the robot",
         rule="before the impact the tool lags behind the flange, and is never ahead of it",
         holds=bool(stretch.min() < 0.0 and stretch.max() <= 1e-6),
@@ -189,18 +179,17 @@ def _statements_17(frame: pl.DataFrame) -> Iterator[Statement]:
     ahead = (before.tool_velocity - before.flange_velocity)[before.time > MOTION.speed / MOTION.acceleration]
     share = 100.0 * np.mean(ahead > 0.0)  # %, share of points, and so of time: points are 1 ms apart
     yield Statement(
-        "faster", "4.2, Fig. 17",
+        "faster", "Fig. 17",
         "The velocity of the tool is slightly higher than the robot velocity when the latter is constant",
         rule="higher in at least 95 % of the time from the acceleration to the impact, by less than 0.1 m/s",
         holds=bool(share > 95.0 and 0.0 < ahead.max() < 0.1 and ahead[-1] > 0.0), wrong="spring nearly undamped",
         ours=f"higher during {share:.0f} % of that time, by {ahead.max():.3f} m/s at most")  # fmt: skip
     yield Statement(
-        "deceleration", "4.2, Fig. 17",
-        "The increase in contact stiffness increases the deceleration of the tool (e = 1)",
+        "deceleration", "Fig. 17", "The increase in contact stiffness increases the deceleration of the tool (e = 1)",
         rule="largest deceleration in (a) above that in (b)", holds=bool(a.deceleration > b.deceleration),
         ours=f"{a.deceleration:.0f} m/s^2 against {b.deceleration:.0f} m/s^2", wrong="fixed tool")  # fmt: skip
     yield Statement(
-        "force", "4.2, Fig. 17", "An increase in k_c produces an increase in the contact force",
+        "force", "Fig. 17", "An increase in k_c produces an increase in the contact force",
         rule="largest contact force in (a) above that in (b)", holds=bool(a.peak_force > b.peak_force),
         ours=f"up to {a.peak_force:.1f} N in (a), {b.peak_force:.1f} N in (b)",
         wrong="k_c has no effect (1e4)")  # fmt: skip
@@ -209,7 +198,7 @@ def _statements_17(frame: pl.DataFrame) -> Iterator[Statement]:
     reached = [np.interp(min(a.duration, b.duration), *points) for points in zip(times, pressed, strict=True)]
     most = [values.max() for values in pressed]
     yield Statement(
-        "compression", "4.2, Fig. 17",
+        "compression", "Fig. 17",
         "The larger force generates a large compression of the decoupling system, which moves backwards",
         rule="largest compression during the first contact in (a) above that in (b)", holds=bool(most[0] > most[1]),
         ours=f"at most {most[0]:.1f} mm in (a), {most[1]:.1f} mm in (b)", wrong="k_c has no effect (1e4)",
@@ -217,15 +206,15 @@ def _statements_17(frame: pl.DataFrame) -> Iterator[Statement]:
         reading=Reading("the compression when the shorter contact ends", bool(reached[0] > reached[1]),
                         f"{reached[0]:.1f} mm in (a), {reached[1]:.1f} mm in (b)"))  # fmt: skip
     yield Statement(
-        "relative_velocity", "4.2, Fig. 17", "Since e = 1, the relative velocity before and after the impact are equal",
+        "relative_velocity", "Fig. 17", "Since e = 1, the relative velocity before and after the impact are equal",
         rule="equal within 5 %, in both cases", holds=max(abs(run.restitution - 1.0) for run in (a, b)) < 0.05,
-        ours=f"after / before is {a.restitution:.3f} in the first contact of (a), {b.restitution:.3f} in (b)",
+        ours=f"after / before: {a.restitution:.3f} in (a), {b.restitution:.3f} in (b)",
         why="Eq. 1 holds for two bodies without other forces. Here the compressed coupling also pushes the tool.",
         wrong="spring 1000 times as soft")  # fmt: skip
 
 
 def _pictures_17(frame: pl.DataFrame) -> Iterator[Picture]:
-    sheet, _ = velocities_and_forces(frame, ("(a, c) k_c = 1e5 N/m^1.5", "(b, d) k_c = 1e4 N/m^1.5"), (0.25, 0.75))
+    sheet, _ = runs.velocities_and_forces(frame, ("(a, c) k_c = 1e5 N/m^1.5", "(b, d) k_c = 1e4 N/m^1.5"), (0.25, 0.75))
     yield picture(
         "figure_17", sheet, "Fig. 17: Velocities and forces for two contact stiffnesses, e = 1",
         "Velocities and forces for two contact stiffnesses; k_t = 150 N/m, zeta = 1, e = 1.",
@@ -245,7 +234,7 @@ def _statements_19(frame: pl.DataFrame) -> Iterator[Statement]:
     both = a, b = runs_of(frame)
     elastic = [Run(frame, f"{case}, e = 1") for case in "ab"]
     yield Statement(
-        "inelastic", "4.2", "When inelastic impacts are considered, the final velocity decreases",
+        "inelastic", "Section 4.2", "When inelastic impacts are considered, the final velocity decreases",
         rule="V_p of Fig. 19a and 19b below that with e = 1", wrong="elastic contact (e = 1)",
         holds=all(run.final_velocity < other.final_velocity for run, other in zip(both, elastic, strict=True)),
         ours="; ".join(f"{run.final_velocity:.4f} against {other.final_velocity:.4f}"
@@ -257,54 +246,51 @@ def _statements_19(frame: pl.DataFrame) -> Iterator[Statement]:
             100.0 * run.trace.object_velocity[slower.argmax()] / run.final_velocity if slower.any() else 100.0
         )
     yield Statement(
-        "contributions", "4.2, Fig. 19",
+        "contributions", "Fig. 19",
         "There are two contributions to V_p: momentum transferred during the collision, and when the robot brakes",
         rule="at least 5 % of V_p before the braking begins and at least 5 % after, in (a) and (b)",
         holds=all(5.0 < share < 95.0 for share in shares), wrong="no brake",
         ours="{:.0f} % of V_p in (a) and {:.0f} % in (b) before the robot brakes".format(*shares))  # fmt: skip
     yield Statement(
-        "deceleration", "4.2, Fig. 19",
-        "The increase in contact stiffness increases the deceleration of the tool (e = 0.1)",
+        "deceleration", "Fig. 19", "The increase in contact stiffness increases the deceleration of the tool (e = 0.1)",
         rule="largest deceleration in (a) above that in (b)", holds=bool(a.deceleration > b.deceleration),
         ours=f"{a.deceleration:.0f} m/s^2 against {b.deceleration:.0f} m/s^2", wrong="fixed tool")  # fmt: skip
     yield Statement(
-        "longer", "4.2, Fig. 19",
+        "longer", "Fig. 19",
         "When the contact stiffness is low, the duration of the total momentum transfer is made longer",
         rule="contact in (b) longer than in (a)", holds=bool(b.duration > a.duration), wrong="k_c has no effect (1e4)",
         ours=f"{b.duration:.1f} ms against {a.duration:.1f} ms")  # fmt: skip
     parting = [run.during_contact.flange_velocity[-1] for run in both]
     yield Statement(
-        "slows", "4.2, Fig. 19b", "The robot is able to markedly reduce its velocity during the contact",
+        "slows", "Fig. 19b", "The robot is able to markedly reduce its velocity during the contact",
         rule="slows to less than half of 1 m/s by the end of the contact", holds=bool(parting[1] < 0.5),
         wrong="no brake", ours=f"from 1 m/s to {parting[1]:.3f} m/s; in (a) to {parting[0]:.3f} m/s")  # fmt: skip
     yield Statement(
-        "synchronous", "4.2, Fig. 19",
-        "Tool and object move almost synchronously: the final relative velocity is a small fraction of the initial one",
+        "synchronous", "Fig. 19", "The final relative velocity is only a small fraction of the initial one",
         rule="below 0.2, in (a) and (b)", holds=max(a.restitution, b.restitution) < 0.2,
-        ours=f"{a.restitution:.3f} of the initial one in (a), {b.restitution:.3f} in (b)",
+        ours=f"{a.restitution:.3f} of it in (a), {b.restitution:.3f} in (b)",
         why="In (b) the surfaces part only after the robot has braked; by then the coupling has pulled the tool back.",
         wrong="no brake")  # fmt: skip
     touching = [run.first_contact for run in both]
     behind = [int(np.argmax(each.tool_velocity < each.flange_velocity)) for each in touching]
     push = [each.coupling_force[start:].min() for each, start in zip(touching, behind, strict=True)]
     yield Statement(
-        "pushes", "4.2, Fig. 19c, d",
-        "The force of the decoupling elements is positive during the contact with the object",
+        "pushes", "Fig. 19c, d", "The force of the decoupling elements is positive during the contact",
         rule="positive from where the tool has fallen behind the flange (0.1 ms) to the end of the contact",
-        holds=bool(min(push) > 0.0), ours=f"the smallest force is {push[0]:.2f} N in (a), {push[1]:.2f} N in (b)",
+        holds=bool(min(push) > 0.0), ours=f"at least {push[0]:.2f} N in (a), {push[1]:.2f} N in (b)",
         why="The braking robot gets slower than the tool; the damper pulls more than the spring pushes.")  # fmt: skip
     stretch = [1e3 * np.max(each.tool_position - each.flange_position) for each in touching]
     yield Statement(
-        "compressed", "4.2, Fig. 19c, d", "During the contact the decoupling system is compressed",
+        "compressed", "Fig. 19c, d", "During the contact the decoupling system is compressed",
         rule="the tool behind its relaxed position at every instant of the contact, in (a) and (b)",
         holds=bool(max(stretch) < 0.0), wrong="no brake",
-        ours="the tool is at {:.2f} mm from it in (a) and {:.2f} mm in (b) at most".format(*stretch),
+        ours="largest extension {:.2f} mm in (a), {:.2f} mm in (b)".format(*stretch),
         why="In (b) the flange has almost stopped before the surfaces part, and the tool overtakes it.")  # fmt: skip
     gain = [(each.tool_velocity - each.flange_velocity)[start:] for each, start in zip(touching, behind, strict=True)]
     until = [1e3 * (each.time[start + np.argmax(ahead >= 0.0)] - each.time[0])
              for each, start, ahead in zip(touching, behind, gain, strict=True)]  # fmt: skip
     yield Statement(
-        "slower", "4.2, Fig. 19", "During the contact the velocity of the tool is lower than the robot velocity",
+        "slower", "Fig. 19", "During the contact the tool is slower than the robot",
         rule="lower from the first moments of the contact to its end, in (a) and (b)",
         holds=bool(max(map(np.max, gain)) < 0.0), wrong="mechanism for a spring",
         ours=f"for the first {until[0]:.0f} of {a.duration:.0f} ms in (a), {until[1]:.0f} of {b.duration:.0f} in (b)",
@@ -313,19 +299,19 @@ def _statements_19(frame: pl.DataFrame) -> Iterator[Statement]:
     saved = [100.0 * (1.0 - run.final_velocity / free.final_velocity)
              for run, free in zip([*both, *elastic], steady, strict=True)]  # fmt: skip
     yield Statement(
-        "control", "4.2",
+        "control", "Section 4.2",
         "An inelastic impact makes the dynamics of the object strictly dependent on the robot control system",
         rule="the brake lowers V_p by a larger share than with e = 1, at both contact stiffnesses",
         holds=bool(saved[0] > saved[2] and saved[1] > saved[3]), wrong="no brake",
         ours="by {:.0f} % in (a) and {:.0f} % in (b), with e = 1 by {:.0f} and {:.0f} %".format(*saved))  # fmt: skip
     yield Statement(
-        "order", "4.2, Fig. 20", "The larger impulse corresponds to a larger final velocity of the object",
+        "order", "Fig. 20", "The larger impulse corresponds to a larger final velocity of the object",
         rule="of Fig. 19a and 19b, the larger impulse gives the larger V_p", wrong="no brake",
         holds=bool((a.impulse - b.impulse) * (a.final_velocity - b.final_velocity) > 0.0),
         ours=f"{a.impulse:.4f}, {b.impulse:.4f} N s; {a.final_velocity:.4f}, {b.final_velocity:.4f} m/s")  # fmt: skip
     by_22 = [run.equation_22(INELASTIC) for run in both]
     yield Statement(
-        "equation_22", "4.2, Fig. 20", "V_p is in agreement with eq. 22 (with the nominal e = 0.1)",
+        "equation_22", "Fig. 20", "V_p is in agreement with eq. 22",
         rule="eq. 22 with e = 0.1 and the simulated impulse within 5 % of V_p, in both cases",
         holds=all(abs(value / run.final_velocity - 1.0) < 0.05 for value, run in zip(by_22, both, strict=True)),
         ours=f"eq. 22: {by_22[0]:.4f}, {by_22[1]:.4f} m/s; V_p: {a.final_velocity:.4f}, {b.final_velocity:.4f} m/s",
@@ -335,14 +321,14 @@ def _statements_19(frame: pl.DataFrame) -> Iterator[Statement]:
 
 
 def _pictures_19(frame: pl.DataFrame) -> Iterator[Picture]:
-    sheet, _ = velocities_and_forces(frame, ("(a, c) k_c = 1e5 N/m^1.5", "(b, d) k_c = 1e3 N/m^1.5"), (0.25, 0.75))
+    sheet, _ = runs.velocities_and_forces(frame, ("(a, c) k_c = 1e5 N/m^1.5", "(b, d) k_c = 1e3 N/m^1.5"), (0.25, 0.75))
     yield picture(
         "figure_19", sheet, "Fig. 19: Velocities and forces for two contact stiffnesses, e = 0.1",
         "Velocities and forces for two contact stiffnesses; k_t = 150 N/m, zeta = 1, e = 0.1.",
         "Two columns, velocities above and forces below, against time. Left, the stiff contact: tool and object move "
         "together at once, the object leaves at 0.87 m/s. Right, the soft contact lasts into the braking.")  # fmt: skip
     yield picture(
-        "figure_20", impulses(frame, ("k_c = 1e5 N/m^1.5", "k_c = 1e3 N/m^1.5")),
+        "figure_20", runs.impulses(frame, ("k_c = 1e5 N/m^1.5", "k_c = 1e3 N/m^1.5")),
         "Fig. 20: Impulse of the decoupling system",
         "Impulse of the decoupling system during the contact, the two cases of Fig. 19 (paper, eq. 21).",
         "Impulse of the coupling against time since the contact began: it rises to 0.196 N s for the stiff contact "
