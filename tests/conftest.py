@@ -5,8 +5,7 @@ from own_set_up import TEXT
 
 @pytest.fixture
 def mine(tmp_path):
-    path = tmp_path / "mine.toml"
-    path.write_text(TEXT)
+    (path := tmp_path / "mine.toml").write_text(TEXT)
     return path
 
 

@@ -25,13 +25,13 @@ SETTINGS = Path(__file__).with_suffix(".toml")
 TABLE = tomllib.loads(SETTINGS.read_text("utf-8"))
 
 
-def fill(session, part, count, seed):
-    """Fill a session with a sample of all edits of the modules in `part`; the other edits are skipped."""
+def fill(session, part, seed):
+    """Fill a session with a sample of 100 of all edits of the modules in `part`; the other edits are skipped."""
     init(find_modules([Path(part)]), session, {})
     edits = {item.job_id: item.mutations[0] for item in session.work_items}
     useful = [job for job, edit in edits.items() if re.fullmatch("|".join(TABLE["operators"]), edit.operator_name)]
     useful.sort(key=lambda job: (str(edits[job].module_path), edits[job].operator_name, edits[job].occurrence))
-    chosen = {*random.Random(seed).sample(useful, min(count, len(useful)))}
+    chosen = {*random.Random(seed).sample(useful, min(100, len(useful)))}
     session.set_multiple_results([job for job in edits if job not in chosen], WorkResult(WorkerOutcome.SKIPPED))
 
 
@@ -51,10 +51,9 @@ def main():
     parser = argparse.ArgumentParser(prog="make mutants", description=__doc__)
     parser.add_argument("--part", default="impact_gym/identify", help="folder or module")
     parser.add_argument("--tests", default="tests/identify", help="tests that should notice each edit")
-    parser.add_argument("--count", type=int, default=100, help="edits of the sample")
     parser.add_argument("--seed", type=int, default=0, help="seed of the sample")
     options = parser.parse_args()
-    folder = Path("runs", "mutants", f"{options.part.replace('/', '-')}-{options.seed}-{options.count}").absolute()
+    folder = Path("runs", "mutants", f"{options.part.replace('/', '-')}-{options.seed}").absolute()
     copy = folder / "copy"
     shutil.rmtree(copy, ignore_errors=True)
     shutil.copytree(".", copy, ignore=LEFT_OUT)
@@ -67,7 +66,7 @@ def main():
         raise SystemExit(f"without an edit, {options.tests} must pass:\n{output[-2000:]}")
     with use_db(folder / "session.sqlite") as session:
         if not session.num_work_items:
-            fill(session, options.part, options.count, options.seed)
+            fill(session, options.part, options.seed)
         execute(session, config)
         found = unnoticed(session)
         tried = sum(result.worker_outcome != WorkerOutcome.SKIPPED for _, result in session.results)

@@ -14,11 +14,10 @@ import shlex
 import subprocess
 import sys
 import tomllib
-import warnings
 from pkgutil import resolve_name
 
 import pytest
-from printed_commands import FILE, MODULES, ROOT, read_options, read_printed
+from printed_commands import FILE, MODULES, ROOT, read_options, read_printed, run_python
 
 from agents.policies import SHIPPED
 from agents.setups import feasible, load_setup
@@ -30,49 +29,34 @@ BLOCK = re.compile(r"^```(\w*)(?: title=\"(.+?)\")?\n(.*?)^```$", re.DOTALL | re
 EXAMPLES = ROOT / "docs" / "examples"
 LISTED = {file.read_text() for file in EXAMPLES.glob("*.py") if file.stem != "vector_loop"}
 """Listings that a command on a page or another test runs."""
-SLOW = {module for name, module in MODULES.items() if name not in ("check", "policies")}
-SLOW.add("experiments.loop")
+SLOW = {*MODULES.values(), "experiments.loop"} - {MODULES["check"], MODULES["policies"]}
 """Modules that run for minutes, which have tests of their own."""
 ELSEWHERE = {"git", "source", "tensorboard", "cleanrl/ppo_continuous_action.py", "rl_zoo3.train"}
 """Programs of others; tests/envs/test_front_ends.py runs rl_zoo3."""
-NEEDS = {
-    "deploy-c.md": "onnxruntime", "mujoco.md": "mujoco", "README.md": "stable_baselines3",
-    "libraries.md": "stable_baselines3",
-}  # fmt: skip
+NEEDS = {"deploy-c.md": "onnxruntime", "mujoco.md": "mujoco"}
+NEEDS |= dict.fromkeys(("README.md", "libraries.md"), "stable_baselines3")
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONWARNINGS": "error"}
 ALIKE = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 
 
-def run_python(words, monkeypatch, capsys):
-    """Run a script or -m module in this process; return what it prints. A warning is an error."""
-    module = words[0] == "-m"
-    capsys.readouterr()
-    with monkeypatch.context() as patched, warnings.catch_warnings():
-        warnings.filterwarnings("ignore", ".*found in sys.modules", RuntimeWarning)
-        patched.setattr(sys, "argv", words[module:])
-        (runpy.run_module if module else runpy.run_path)(words[module], run_name="__main__")
-    return capsys.readouterr().out
-
-
-def run_shell(code, monkeypatch, capsys):
-    """Run a shell block, except slow commands; return what it printed."""
-    printed = ""
-    lines = code.replace("\\\n", " ").splitlines()
+def run_shell(code, monkeypatch):
+    """Run a shell block, except slow commands."""
+    lines = code.replace("\\\n", " ").replace("docs/examples", str(EXAMPLES)).splitlines()
     for words in filter(None, (shlex.split(line, comments=True) for line in lines)):
+        if ELSEWHERE & {*words[:3]}:
+            continue
         if words[0] == "impact-gym":
             words[:2] = ["python", "-m", MODULES[words[1]]]
-        if words[:2] == ["python", "-m"] and words[2] in SLOW:
+        if words[1:2] == ["-m"] and words[2] in SLOW:
             read_options(words[2], words[3:], monkeypatch)
-        elif words[0] == "python" and words[1].startswith(("docs/examples/", "-m")) and not ELSEWHERE & {*words[:3]}:
-            words = [str(ROOT / word) if word.startswith("docs/examples/") else word for word in words]
-            printed += run_python(words[1:], monkeypatch, capsys)
-        elif not ELSEWHERE & {*words[:3]}:
-            words = [sys.executable, *words[1:]] if words[0] == "python" else words
-            words, folder = ([*words, "--dry-run", "--silent"], ROOT) if words[0] == "make" else (words, None)
-            done = subprocess.run(words, cwd=folder, env=ENVIRONMENT, capture_output=True, text=True, check=False)
+        elif words[0] == "python" and words[1].startswith((str(EXAMPLES), "-m")):
+            run_python(words[1:], monkeypatch)
+        else:
+            program = {"python": [sys.executable], "make": ["make", "--directory", ROOT, "--dry-run", "--silent"]}
+            words[:1] = program.get(words[0], words[:1])
+            done = subprocess.run(words, env=ENVIRONMENT, capture_output=True, text=True, check=False)
             assert done.returncode == 0, f"{words}\n{done.stderr}"
-            printed += done.stdout * (folder is None)
-    return printed
+            print(done.stdout, end="")
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
@@ -83,29 +67,27 @@ def test_examples_of_a_page_run_and_print_what_it_shows(page, tmp_path, monkeypa
             monkeypatch.setattr(needed.PPO, "learn", lambda model, steps: learn(model, 1))
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
-    namespace, printed = {"__name__": "__main__"}, None
-    text = page.read_text()
+    namespace, text = {"__name__": "__main__"}, page.read_text()
     assert text.count("```") == 2 * len(BLOCK.findall(text)), f"{page}: not all blocks are understood"
     for block in BLOCK.finditer(text):
         (language, title, code), line = block.groups(), text[: block.start()].count("\n") + 2
         where = f"{page.relative_to(ROOT)}, line {line}"
         assert max(map(len, code.splitlines())) <= 88, f"{where}: wider than a column"
+        if language in ("python", "sh"):
+            capsys.readouterr()
         if title:
             (tmp_path / title).parent.mkdir(parents=True, exist_ok=True)
             (tmp_path / title).write_text(code)
             if language == "python":
                 runpy.run_path(title, run_name="page")
         elif language == "python":
-            capsys.readouterr()
             if code not in LISTED:
                 exec(compile("\n" * (line - 1) + code, str(page), "exec"), namespace)  # lines numbered as on the page
-            printed = capsys.readouterr().out
         elif language == "sh":
-            printed = run_shell(code, monkeypatch, capsys)
+            run_shell(code, monkeypatch)
         elif language == "text":
-            assert printed is not None, f"{where}: output of nothing"
+            printed = capsys.readouterr().out
             assert doctest.OutputChecker().check_output(code, printed, ALIKE), f"{where}: printed was\n{printed}"
-            printed = None
         else:
             assert tomllib.loads(code) if language == "toml" else language == "diff", where
 
@@ -156,12 +138,8 @@ def test_links_of_pages_lead_to_files_and_headings():
                 assert resolve_name(heading)
             elif heading:
                 titles = re.findall("^#+ (.+)$", file.read_text(), re.MULTILINE)
-                assert heading in map(slug, titles), f"{page}: {target}#{heading}"
-
-
-def slug(title):
-    """The address of a heading on a page."""
-    return re.sub(r"[-\s]+", "-", re.sub(r"[^\w\s-]", "", title).strip().lower())
+                slugs = [re.sub(r"[-\s]+", "-", re.sub(r"[^\w\s-]", "", title).strip().lower()) for title in titles]
+                assert heading in slugs, f"{page}: {target}#{heading}"
 
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.toml")), ids=lambda path: path.stem)

@@ -1,6 +1,5 @@
 """Hostile input: a value, text or file works, or is refused in one line that names the place."""
 
-import io
 import json
 import math
 import os
@@ -147,40 +146,28 @@ TEXTS = [
 ]  # fmt: skip
 
 
-def test_texts_that_become_paths_are_names_of_files_in_a_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_texts_that_become_paths_are_names_of_files_in_a_folder(tmp_path):
     for text in (*TEXTS, None, 3, b"a"):
         refused(partial(validation.identifier, "name", text), "name")
     for name in ("con", "nul.toml", "a..b", "all", "a" * 100):  # odd and harmless
         assert (tmp_path / f"{validation.identifier('name', name)}.toml").resolve().parent == tmp_path
-    for text in TEXTS[::4]:
-        wrong = {"against": [text], "bound": text, "tuned": {text: "BlindProfile"}}
-        for name in wrong:
-            refused(partial(set_up_file, baselines={name: wrong[name]}), name)
-        refused(partial(set_up_file, evaluation={"set": text}), "set")
-        refused(partial(set_up_file, training={"teacher": text or ".."}), "teacher")
-        if any(ord(sign) < 32 or ord(sign) == 127 for sign in text):
-            refused(partial(set_up_file, title=text), "title")
-        if "/" not in text and "\0" not in text and len(text) < 200:
-            shutil.copy(tmp_path / "bad.toml", path := tmp_path / f"{text}.toml")
-            refused(partial(load_setup, path), "name")
+    for text in (text for text in TEXTS if "/" not in text and "\0" not in text and len(text) < 200):
+        (path := tmp_path / f"{text}.toml").touch()
+        refused(partial(load_setup, path), "name")
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="no C compiler")
 def test_headers_are_valid_c_for_any_text_in_a_policy():
-    program, size = "", 10
-    for place in range(0, len(TEXTS), size):
-        texts = TEXTS[place : place + size]
-        policy = made_up_policy(sizes=(4,) * len(texts))
-        arrays = to_arrays(policy.network)
-        for layer, text in enumerate(texts):
-            arrays |= {f"{text}.{part}": arrays.pop(f"hidden_{layer}.{part}") for part in ("weight", "bias")}
-        network = from_arrays(policy.network.description() | {"layers": [*texts, "mean", "log_std"]}, arrays)
-        made = Policy(network, policy.task, {"command": "\n".join(texts)})
-        program += (written := header(made, identifier(f"{texts[0]}_{place}")))
-        assert "evil();" not in written.partition("#ifndef")[2]
+    policy = made_up_policy(sizes=(4,) * len(TEXTS))
+    arrays = to_arrays(policy.network)
+    for layer, text in enumerate(TEXTS):
+        arrays |= {f"{text}.{part}": arrays.pop(f"hidden_{layer}.{part}") for part in ("weight", "bias")}
+    network = from_arrays(policy.network.description() | {"layers": [*TEXTS, "mean", "log_std"]}, arrays)
+    made = Policy(network, policy.task, {"command": "\n".join(TEXTS)})
+    headers = [header(made, identifier(f"{text}_{place}")) for place, text in enumerate(TEXTS[::10])]
+    assert not [written for written in headers if "evil();" in written.partition("#ifndef")[2]]
     flags = [*LANGUAGES["C99"], *WARNINGS, "-Wno-unused-function", "-fsyntax-only", "-"]
-    subprocess.run(["gcc", *flags], input=program.encode("ascii"), check=True)
+    subprocess.run(["gcc", *flags], input="".join(headers).encode("ascii"), check=True)
 
 
 def test_report_shows_hostile_texts_as_texts(tmp_path, monkeypatch):
@@ -199,24 +186,16 @@ def test_report_shows_hostile_texts_as_texts(tmp_path, monkeypatch):
     assert {path.name for path in tmp_path.iterdir()} == {"bad.toml", "policies", "out", ".out.episodes"}
 
 
-def member(shape, content):
-    """A NumPy file whose header says this shape."""
-    file = io.BytesIO()
-    np.lib.format.write_array_header_1_0(file, {"descr": "<f8", "fortran_order": False, "shape": shape})
-    return file.getvalue() + content
-
-
-@pytest.mark.parametrize(("content", "how", "message"), [
-    (member((100_000_000_000,), bytes(8)), zipfile.ZIP_STORED, "is damaged"),
-    (member((2**70, 0), b""), zipfile.ZIP_STORED, "is damaged"),
-    (member((2_000_000,), bytes(16_000_000)), zipfile.ZIP_DEFLATED, "its parts add up to"),
-    (member((0,), b""), zipfile.ZIP_LZMA, "is compressed"),
-    (member((1,), bytes(16)), zipfile.ZIP_STORED, "checksum"),
+@pytest.mark.parametrize(("shape", "size", "how", "message"), [
+    ((100_000_000_000,), 8, zipfile.ZIP_STORED, "is damaged"), ((2**70, 0), 0, zipfile.ZIP_STORED, "is damaged"),
+    ((2_000_000,), 16_000_000, zipfile.ZIP_DEFLATED, "its parts add up to"),
+    ((0,), 0, zipfile.ZIP_LZMA, "is compressed"), ((1,), 16, zipfile.ZIP_STORED, "checksum"),
 ])  # fmt: skip
-def test_load_policy_refuses_an_array_larger_than_its_file(content, how, message, tmp_path):
+def test_load_policy_refuses_an_array_larger_than_its_file(shape, size, how, message, tmp_path):
     path = made_up_policy().save(tmp_path / "it.npz")
-    with zipfile.ZipFile(path, "a", how) as file:
-        file.writestr("0/more.weight.npy", content)
+    with zipfile.ZipFile(path, "a", how) as file, file.open("0/more.weight.npy", "w") as array:
+        np.lib.format.write_array_header_1_0(array, {"descr": "<f8", "fortran_order": False, "shape": shape})
+        array.write(bytes(size))
     refused(partial(load_policy, path), message)
 
 
@@ -237,6 +216,5 @@ def test_file_is_written_through_links_and_over_nothing_else(tmp_path):
         with pytest.raises(OSError, match=f"{name} must be a file .*nothing is written"):
             write_file(tmp_path / name, "text")
     for name in ("pipe", "there", "link to a pipe"):
-        with pytest.raises(ValueError, match=f"{name} must be a regular file"), locked(tmp_path / name):
-            pass
+        refused(locked(tmp_path / name).__enter__, f"{name} must be a regular file")
     assert {path: os.lstat(path)[:2] for path in tmp_path.iterdir()} == before

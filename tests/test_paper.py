@@ -1,8 +1,7 @@
 """The paper's scenes by our solver and the independent one: 'Printed numbers and ours' in docs/provenance.md.
 
 The paper prints the speed of 1 m/s, the detection, and each scene's masses, stiffnesses and restitution. We identified
-distance, acceleration and stops. The study `paper` compares these scenes with the text;
-tests/experiments/test_paper_study.py asserts its verdicts.
+distance, acceleration and stops. tests/experiments/test_paper_study.py compares them with the text.
 """
 
 import pytest

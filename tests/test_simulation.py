@@ -4,7 +4,6 @@ import copy
 import dataclasses
 import math
 from dataclasses import replace
-from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -16,6 +15,7 @@ from solver_scenes import COUPLINGS, MOTION, ROBOTS, SPRING, scene
 import impact_gym as ig
 from impact_gym import simulation
 from impact_gym.quantities import BY_PATH
+from impact_gym.simulation import APPROACHES_PER_THREAD
 from impact_gym.task import nested
 from impact_gym.to_kernel import STATUS_MESSAGES
 
@@ -23,17 +23,8 @@ ROBOT = ig.Robot(5.225, 1.9e5, 50.4)
 SCENE = scene(coupling=SPRING)
 
 
-def test_record_and_argument_convert_any_number_to_a_float():
-    for number in (1, np.int64(1), np.uint8(1), np.float32(1), np.float64(1), Fraction(1)):
-        tool = ig.Tool(number)
-        assert type(tool.mass) is float
-        assert tool == ig.Tool(1.0)
-        assert ig.simulate(SCENE, MOTION, number) == ig.simulate(SCENE, MOTION, 1.0)
-
-
-def test_records_are_frozen_and_hashable():
-    for record in (SCENE, SCENE.tool, SCENE.object, SCENE.contact, *COUPLINGS.values(), ROBOT, MOTION, MOTION.brake):
-        assert type(record).__dataclass_params__.frozen
+def test_records_are_hashable():
+    for record in (SCENE, *COUPLINGS.values(), ROBOT, MOTION):
         assert hash(record) == hash(copy.deepcopy(record))
 
 
@@ -61,28 +52,21 @@ def assert_row(outcomes, index, outcome):
 @pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize("coupling", COUPLINGS)
 def test_row_of_a_sweep_is_simulate_to_the_bit(coupling, robot):
-    masses, speeds, friction = np.array([[0.1], [1.0]]), np.array([0.01, 0.9, 1.3, 1.0]), np.array([0.0, 0.1, 0.4, 0.0])
+    speeds, friction = np.array([0.01, 0.9, 1.3, 1.0]), np.array([0.0, 0.1, 0.4, 0.0])
+    masses = np.geomspace(0.1, 1.0, 2 * APPROACHES_PER_THREAD // 4)[:, None]  # rows for two threads
     varied = {"object.mass": masses, "motion.speed": speeds, "object.friction": friction}
     struck = replace(scene(1e4, 0.5, COUPLINGS[coupling], ROBOTS[robot]), object=ig.Object(0.25, 0.2505, 0.1))
-    outcomes = ig.sweep(struck, MOTION, varied, duration=1.1)
-    assert outcomes.object_velocity.shape == (2, 4)
-    for i, j in np.ndindex(2, 4):
+    outcomes = ig.sweep(struck, MOTION, varied, duration=1.1, threads=3)
+    for i, j in np.ndindex(len(masses), 4):
         alone = replace(struck, object=ig.Object(masses[i, 0], 0.2505, friction[j]))
         assert_row(outcomes, (i, j), ig.simulate(alone, replace(MOTION, speed=speeds[j]), duration=1.1))
-    assert np.isnan(outcomes.slide).tolist() == [[True, False, False, True]] * 2
+    assert np.isnan(outcomes.slide).tolist() == [[True, False, False, True]] * len(masses)
     assert not outcomes.object_velocity[:, 0].any()  # the motion does not reach
 
 
-def test_row_of_a_sweep_depends_on_neither_threads_nor_order():
-    template, varied = scene(1e4, 0.5, SPRING), {"contact.stiffness": np.geomspace(1e3, 1e7, 200)}
-    single, many = (ig.sweep(template, MOTION, varied, threads=n) for n in (1, 7))
-    back = ig.sweep(template, MOTION, {"contact.stiffness": varied["contact.stiffness"][::-1]}, threads=3)
-    for field in dataclasses.fields(ig.Outcomes):
-        first = getattr(single, field.name)
-        for other in (getattr(many, field.name), getattr(back, field.name)[::-1]):
-            assert np.array_equal(first, other, equal_nan=first.dtype.kind == "f")
-    for nothing, shape in (({"object.mass": []}, (0,)), ({}, ())):
-        assert ig.sweep(template, MOTION, nothing).object_velocity.shape == shape
+@pytest.mark.parametrize(("varied", "shape"), [({"object.mass": []}, (0,)), ({}, ())])
+def test_sweep_over_nothing_has_its_shape(varied, shape):
+    assert ig.sweep(SCENE, MOTION, varied).object_velocity.shape == shape
 
 
 def test_run_that_cannot_finish_says_why_and_affects_no_other(monkeypatch):
@@ -121,16 +105,13 @@ def test_advise_keeps_a_scene_in_which_every_part_matters():
     assert ig.advise(late, MOTION, duration=0.113).tried[1].bound == math.inf
 
 
-DEPENDENT = "coupling.free_length", "coupling.height", "coupling.front_stop", "coupling.rear_stop"
-"""Numbers whose limits depend on each other."""
-
-
 @st.composite
 def extreme_cases(draw):
     """An approach with some numbers within or at their limits, and its duration."""
     chain = scene(coupling=draw(st.sampled_from([*COUPLINGS.values()])), robot=draw(st.sampled_from([None, ROBOT])))
     records = {**nested.parts(chain), "motion": ig.Trapezoid(1.0, 8.0, ig.Brake(deceleration=5.0))}
-    free = sorted({*nested.flatten(records)} - {*DEPENDENT, "contact.damping_exponent"})
+    dependent = {f"coupling.{name}" for name in ("free_length", "height", "front_stop", "rear_stop")}
+    free = sorted({*nested.flatten(records)} - dependent - {"contact.damping_exponent"})
     for path in draw(st.lists(st.sampled_from(free), min_size=1, max_size=5, unique=True)):
         low, high = max(BY_PATH[path].limits.at_least, 1e-12), BY_PATH[path].limits.at_most
         between = st.floats(math.log(low), math.log(high)).map(lambda power: float(math.exp(power)))

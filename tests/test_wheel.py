@@ -49,15 +49,13 @@ def wheel(tmp_path_factory):
         shutil.copyfile(solver, built / solver.name)
     build = ("wheel", "--quiet", "--no-deps", "--no-build-isolation", "--no-index", "--disable-pip-version-check")
     subprocess.run([sys.executable, "-m", "pip", *build, "--wheel-dir", out, copy], cwd=out, check=True)
-    (path,) = out.iterdir()
-    return path
+    return next(out.iterdir())
 
 
 def test_wheel_has_all_files_but_the_sources_of_the_solver(wheel):
     archive = zipfile.ZipFile(wheel)
     held = {name for name in archive.namelist() if ".dist-info/" not in name}
-    (solver,) = (name for name in held if name.endswith(".so"))
-    assert solver.startswith("impact_gym/kernels.")
+    (solver,) = (name for name in held if re.fullmatch(r"impact_gym/kernels\..+\.so", name))
     files = [file.relative_to(ROOT) for name in PACKAGES for file in (ROOT / name).rglob("*") if file.is_file()]
     mine = {file for file in files if "__pycache__" not in file.parts and file.suffix not in NOT_SHIPPED}
     assert held - {solver} == {str(file if file.parts[0] == "impact_gym" else "impact_gym" / file) for file in mine}
@@ -86,7 +84,6 @@ def test_import_loads_no_heavy_package_and_agents_once():
     code = "import sys, impact_gym; print(*{name.split('.')[0] for name in sys.modules}); "
     code += "import agents.jobs, impact_gym.agents.jobs as jobs; print(jobs is agents.jobs, jobs.__spec__.name)"
     loaded, same = output(code, ROOT).splitlines()
-    assert "impact_gym" in loaded.split()
     assert HEAVY.isdisjoint(loaded.split())
     assert same == "True agents.jobs"
 
@@ -94,16 +91,12 @@ def test_import_loads_no_heavy_package_and_agents_once():
 CHANGED = "sources of the solver have changed since it was compiled; compile it with `make"
 
 
-@pytest.mark.parametrize(("changes", "message"), [
-    ({"kernels*.so": None}, "the solver is not compiled; compile it with `make"),
-    (dict.fromkeys(("*.pyx", "*/*.pxi", "*/*.h")), ""),  # as in a wheel
-    ({"physics/contact.pxi": ("cdef", " cdef")}, CHANGED),
-    ({"quantities.py": ('"m/s"', '"km/h"')}, CHANGED),
-], ids=["no solver", "no sources", "contact", "quantities"])  # fmt: skip
-def test_import_refuses_a_missing_or_outdated_solver(tmp_path, changes, message):
+@pytest.mark.parametrize(("name", "change", "message"), [
+    ("kernels*.so", None, "the solver is not compiled; compile it with `make"),
+    ("physics/contact.pxi", ("cdef", " cdef"), CHANGED), ("quantities.py", ('"m/s"', '"km/h"'), CHANGED),
+])  # fmt: skip
+def test_import_refuses_a_missing_or_outdated_solver(tmp_path, name, change, message):
     copy = shutil.copytree(PACKAGE, tmp_path / "impact_gym", ignore=shutil.ignore_patterns("__pycache__"))
-    for name, change in changes.items():
-        for file in copy.glob(name):
-            file.write_text(file.read_text().replace(*change, 1)) if change else file.unlink()
-    answer = output("import impact_gym", tmp_path)
-    assert message in answer if message else answer == ""
+    for file in copy.glob(name):
+        file.write_text(file.read_text().replace(*change, 1)) if change else file.unlink()
+    assert message in output("import impact_gym", tmp_path)

@@ -1,12 +1,10 @@
 """Controllers in C command what they command in Python, with good and with faulty readings."""
 
-import ctypes
 import json
 import math
 import re
 import shutil
-import subprocess
-from typing import Any, NamedTuple
+from functools import partial
 
 import numpy as np
 import pytest
@@ -15,29 +13,24 @@ from made_up_policies import made_up_policy
 from agents import load_setup
 from agents.baselines.rule import ranges_for
 from agents.baselines.tuned import FIXED, RULES
-from agents.export.c_header import c_text, has_controller, write_header
+from agents.export.c_header import write_header
 from agents.export.contract import Subject, of_name
-from agents.export.replay import LANGUAGES, WARNINGS, logged, replay
-from agents.policies import SHIPPED
-from agents.setups import shipped_baselines
+from agents.export.replay import compiled, logged, replay
+from agents.setups import shipped, shipped_baselines
 from impact_gym.envs import IDS
 from impact_gym.task import Task
 from impact_gym.task.action import RESOLUTION
 
 pytestmark = pytest.mark.skipif(not (shutil.which("gcc") and shutil.which("g++")), reason="no compiler")
 TELEOP, NOISE = IDS["ImpactTeleop-v0"], {"force_noise": [0.02, 5.0], "reaction_delay": [0.0, 0.05]}
-SHIPPED_ONES = [*sorted(path.stem for path in SHIPPED.glob("*.npz")), *sorted({*FIXED} - {"random"}),
-                *shipped_baselines()]  # fmt: skip
-SENSED = {"range_sensor": {"noise": 0.002, "share": 0.1}, "coupling": {"type": "SpringDamper", "stiffness": 50.0}}
 FAR, FAST = {"scenario": {"distance": [0.05, 0.6]}}, {"acceleration_range": [0.5, 30.0], "velocity_range": [-1.0, 2.0]}
-ROBUST = load_setup("ranged-robust").environment
 RULES_IN_C = {
-    "filter, false alarms": ("FilteredProfile", SENSED | {"alarm": "reading", "force_noise": 1.0}),
+    "filter, false alarms": ("FilteredProfile", {"alarm": "reading", "force_noise": 1.0, "range_sensor": {
+        "noise": 0.002, "share": 0.1}, "coupling": {"type": "SpringDamper", "stiffness": 50.0}}),
     "filter, late and lost": ("FilteredProfile", {"range_sensor": {
         "noise": 0.01, "share": 0.05, "bias": 0.01, "dropout": 0.3, "delay": [0.0, 0.08]}} | FAR),
-    "first reading": ("FirstReadingProfile", SENSED | {"alarm": "reading", "force_noise": 0.3}),
     "deceleration, far": ("ConstantDeceleration", FAR), "profile, far": ("BlindProfile", FAR),
-    "detector with a range": ("DetectorRanged", ROBUST | FAST),
+    "detector with a range": ("DetectorRanged", load_setup("ranged-robust").environment | FAST),
     "speed": ("ConstantSpeed", {"alarm": "reading", "force_noise": 0.5, "control_period": 0.008}),
 }  # fmt: skip
 POLICIES_IN_C = {
@@ -45,48 +38,24 @@ POLICIES_IN_C = {
                               "range_noise": [0.002, 0.03], "observe_range_noise": True},
     "its own arm": {"velocity_range": [-0.2, 0.6], "acceleration_range": [0.5, 4.0], "tool_mass": [0.3, 0.5],
                     "reaction_delay": [0.0, 0.05], "time_weight": [0.05, 50.0]},  # beyond the observed range
-    "an operator": TELEOP,
     "an operator whose commands get lost": TELEOP | {
         "uplink": {"delay": 0.096, "loss": 0.4, "burst": 8.0, "timeout": 0.096}, "alarm": "reading"},
 }  # fmt: skip
 FAULTY = {"force": {}, "reading": {"alarm": "reading"}, "past": {"past_readings": 2}}
 
 
-class Functions(NamedTuple):
-    """The functions of one header, under the names that `agents.export.replay` calls."""
-
-    play: Any
-    clocked: Any
-
-
-def compiled_together(subjects, folder, *how, language="C99", compiler="gcc"):
-    """Return the functions of each of `subjects`, from one run of the compiler; its warnings are errors."""
-    text = []
-    for place, subject in enumerate(subjects.values()):
-        name = f"c{place}"
-        text += [f"#define {each} {each}_{place}" for each in ("act", *Functions._fields)]
-        text.append(f'#include "{write_header(subject, folder / f"{name}.h")}"')
-        text.append(c_text(
-            "program.c.jinja", name=name, controlled=has_controller(subject), network=subject.policy,
-            fields=len(subject.spec.sensors), inputs=len(subject.spec), actions=subject.actions,
-            operator=subject.task.operator,
-        ))  # fmt: skip
-        text += [f"#undef {each}" for each in ("act", *Functions._fields)]
-    library, part = folder / f"{len(subjects)}{language}{''.join(how)}.so", folder / "part.o"
-    flags = [*LANGUAGES[language], "-ffp-contract=off", *WARNINGS, *how, "-fPIC", "-D_POSIX_C_SOURCE=199309L"]
-    subprocess.run([compiler, *flags, "-c", "-", "-o", part], input="\n".join(text), text=True, check=True)
-    subprocess.run([compiler, "-shared", part, "-o", library, "-lm"], check=True)  # see `compiled`
-    made = ctypes.CDLL(str(library))
-    names = [[f"{each}_{place}" for each in Functions._fields] for place in range(len(subjects))]
-    return {key: Functions(*(getattr(made, each) for each in own)) for key, own in zip(subjects, names, strict=True)}
+def careless(subject, folder):
+    """Compile it as C++, with a compiler that may remove tests for NaN, and has no macros that say so."""
+    not_told = [f"-U__{name}__" for name in ("FAST_MATH", "FINITE_MATH_ONLY", "ASSOCIATIVE_MATH")]
+    return compiled(subject, write_header(subject, folder / "it.h"), folder, "-Ofast", *not_told, language="C++17")
 
 
-def commands_of(program, sensors, weights, late=None, steps=None):
+def commands_of(program, sensors, weights, late=None):
     """Return the commands (steps, rows, 2) of a compiled controller for readings (steps, rows, fields)."""
     commands = np.zeros((*sensors.shape[:2], 2))
     late = np.full(sensors.shape[:2], np.nan) if late is None else late
-    steps = np.full(len(weights), len(sensors)) if steps is None else steps
-    arrays = np.ascontiguousarray(sensors), np.asarray(steps, np.int32), np.asarray(weights, float), late, commands
+    steps = np.full(len(weights), len(sensors), np.int32)
+    arrays = np.ascontiguousarray(sensors), steps, np.asarray(weights, float), late, commands
     program.play(len(weights), *(array.ctypes for array in arrays))
     return commands
 
@@ -94,57 +63,36 @@ def commands_of(program, sensors, weights, late=None, steps=None):
 def made_up_rule(rule, environment):
     """Return a rule with three rows of parameters within the limits, for three time weights."""
     ranges, rng = ranges_for(Task(**environment)), np.random.default_rng(1)
-    limits = RULES[rule].limited(ranges)
-    low, high, start = np.array([(each.low, each.high, each.start) for each in limits]).T
-    table = np.clip(start + 0.1 * rng.normal(size=(3, len(limits))) * (high - low), low, high)
+    low, high, start = np.array([(each.low, each.high, each.start) for each in RULES[rule].limited(ranges)]).T
+    table = np.clip(start + 0.1 * rng.normal(size=(3, len(start))) * (high - low), low, high)
     controller = RULES[rule].of(table, ranges).for_task(Task(**environment))
     controller.weights = (0.5, 1.0, 4.0)
     return Subject(controller)
 
 
-@pytest.fixture(scope="module")
-def subjects():
-    made = {name: of_name(name) for name in SHIPPED_ONES}
-    made |= {name: made_up_rule(*how) for name, how in RULES_IN_C.items()}
-    return made | {name: Subject(made_up_policy(2, each)) for name, each in POLICIES_IN_C.items()}
+CONTROLLERS = {
+    **{name: partial(of_name, name) for name in (*shipped(), *shipped_baselines(), *FIXED) if name != "random"},
+    **{name: partial(made_up_rule, *how) for name, how in RULES_IN_C.items()},
+    **{name: lambda each=each: Subject(made_up_policy(2, each)) for name, each in POLICIES_IN_C.items()},
+}  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def faulty():
-    """Controllers that get faulty readings."""
-    made = {name: made_up_policy(environment={"range_noise": 0.01, **each}) for name, each in FAULTY.items()}
-    made["operator"] = made_up_policy(environment=TELEOP)
-    last = made["operator"].network.mean  # always a gain of 1, a stop at 10.5 m/s^2 and the full withdrawal
-    last.weight[:], last.bias[:] = 0.0, [2.0, 0.0, 2.0]
-    return {name: Subject(policy) for name, policy in made.items()}
-
-
-@pytest.fixture(scope="module")
-def programs(subjects, tmp_path_factory):
-    return compiled_together(subjects, tmp_path_factory.mktemp("all"), "-O0")
-
-
-@pytest.fixture(scope="module")
-def careless(faulty, tmp_path_factory):
-    """These controllers as C++, from a compiler that may remove tests for NaN, and has no macros that say so."""
-    not_told = [f"-U__{name}__" for name in ("FAST_MATH", "FINITE_MATH_ONLY", "ASSOCIATIVE_MATH")]
-    flags = ("-Ofast", *not_told)
-    return compiled_together(faulty, tmp_path_factory.mktemp("faulty"), *flags, language="C++17", compiler="g++")
-
-
-@pytest.mark.parametrize("name", [*SHIPPED_ONES, *RULES_IN_C, *POLICIES_IN_C])
-def test_controller_gives_the_same_commands_in_c_and_numpy(subjects, programs, name):
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_controller_gives_the_same_commands_in_c_and_numpy(name, tmp_path):
     """The difference is below 1e-6 of the range, or below one step of the grid on which commands lie."""
-    subject = subjects[name]
-    log, task, said = logged(subject, 60), subject.task, subject.contract
+    subject = CONTROLLERS[name]()
+    program = compiled(subject, write_header(subject, tmp_path / "it.h"), tmp_path, "-O0")
+    log, task = logged(subject, 60), subject.task
+    said = {key: json.loads(value) for key, value in subject.contract.items()}
     assert log.commands[..., 0].std() > 0.01
     grid = RESOLUTION / min(np.ptp(task.velocity_range), np.ptp(task.acceleration_range))
-    difference, seconds = replay(subject, programs[name], log, calls=10)
+    difference, seconds = replay(subject, program, log, calls=10)
     assert difference < (1.001 * max(1e-6, grid) if name not in POLICIES_IN_C else 1e-5)
     assert (seconds > 0.0).all()
-    period, limits = (json.loads(said[entry]) for entry in ("control_period", "velocity_limits"))
+    weight, limits = said["time_weight"], said["velocity_limits"]
+    assert subject.policy or (weight["low"], weight["high"]) == (subject.weights[0], subject.weights[-1])
     time = log.sensors[..., subject.spec.sensors.index("time")]
-    assert np.diff(time, axis=0).max() == pytest.approx(period["value"])  # the contract says the longest step
+    assert np.diff(time, axis=0).max() == pytest.approx(said["control_period"]["value"])  # the longest step
     commanded = log.commands[np.arange(len(time))[:, None] < log.steps, 0]
     assert limits["low"] - 1e-9 <= commanded.min() <= commanded.max() <= limits["high"] + 1e-9
 
@@ -201,8 +149,9 @@ def commands_by_hand(policy, readings, weight, by_reading):
 
 
 @pytest.mark.parametrize("name", FAULTY)
-def test_faulty_readings_are_treated_as_the_contract_says(faulty, careless, name):
-    subject, weight = faulty[name], 2.0
+def test_faulty_readings_are_treated_as_the_contract_says(name, tmp_path):
+    subject = Subject(made_up_policy(environment={"range_noise": 0.01, **FAULTY[name]}))
+    program, weight = careless(subject, tmp_path), 2.0
     said, by_reading = {key: json.loads(value) for key, value in subject.contract.items()}, "alarm" in FAULTY[name]
     for part in ("not later than before, repeats the last command", "(NaN or infinite) keeps its last value",
                  "before the first value a number is 0",
@@ -214,32 +163,23 @@ def test_faulty_readings_are_treated_as_the_contract_says(faulty, careless, name
     least, most = (said[f"input {place:02}"][side] for side in ("low", "high"))
     for seed in range(3):
         readings = faulty_readings(seed)
-        commands = commands_of(careless[name], readings[:, None], [weight])
+        commands = commands_of(program, readings[:, None], [weight])
         expected, count = commands_by_hand(subject.policy, readings, weight, by_reading)
         assert count > 30
         assert commands[:, 0] == pytest.approx(expected, rel=0, abs=2e-5)
         assert commands[:, 0].std(axis=0).min() > 0.05
         ends = [least, 0.0, -1.0, math.nan, math.inf, -math.inf, most, 2.0 * most]
-        weights = commands_of(careless[name], np.repeat(readings[:, None], len(ends), axis=1), ends)
+        weights = commands_of(program, np.repeat(readings[:, None], len(ends), axis=1), ends)
         assert np.ptp(weights[:, :6], axis=1).max() == 0.0 == np.ptp(weights[:, 6:], axis=1).max()
         assert abs(weights[:, :1] - commands).max() > 0.0 < abs(weights[:, 6:7] - commands).max()
 
 
-def test_rule_in_c_clips_its_time_weight_to_that_of_the_contract(subjects, programs):
-    subject = subjects["speed"]
-    low, high = (json.loads(subject.contract["time_weight"])[side] for side in ("low", "high"))
-    weights = [low, math.nan, math.inf, 0.0, 0.5 * low, high, 3.0 * high, 2.0 * low]
-    readings = np.zeros((1, len(weights), len(subject.spec.sensors)))
-    speed = commands_of(programs["speed"], readings, weights)[0, :, 0]
-    assert speed == pytest.approx(np.repeat([speed[0], speed[5], speed[7]], [5, 2, 1]), rel=0, abs=0)
-    between = np.interp(math.log(2.0 * low), np.log(subject.weights), subject.controller["speed"])
-    assert speed[[0, 5, 7]] == pytest.approx([*subject.controller["speed"][[0, -1]], between], abs=1e-6)
-    assert len({*speed}) == 3
-
-
-def test_operators_controller_stops_and_withdraws_as_it_says(faulty, careless):
+def test_operators_controller_stops_and_withdraws_as_it_says(tmp_path):
     """The alarm comes at 1.5 s; no command comes from 1.0 to 1.3 s. The contract says the three times."""
-    subject, time = faulty["operator"], 0.016 * np.arange(150)
+    policy, time = made_up_policy(environment=TELEOP), 0.016 * np.arange(150)
+    last = policy.network.mean  # always a gain of 1, a stop at 10.5 m/s^2 and the full withdrawal
+    last.weight[:], last.bias[:] = 0.0, [2.0, 0.0, 2.0]
+    subject = Subject(policy)
     hold, fade, timeout = map(float, re.findall(r"([\d.]+) s\b", subject.contract["operator"]))
     most = json.loads(subject.contract["acceleration_limits"])["high"]
     fields = dict.fromkeys(subject.spec.sensors, np.zeros(150)) | {"time": time, "alarm": time >= 1.5}
@@ -249,7 +189,7 @@ def test_operators_controller_stops_and_withdraws_as_it_says(faulty, careless):
     fields["command_age"][[40, 44, 48]] = -math.inf, math.nan, math.inf
     late = np.where(np.isin(np.arange(150), (20, 22)), math.inf, math.nan)[:, None]
     readings = np.stack(list(fields.values()), axis=-1)[:, None]
-    commands = commands_of(careless["operator"], readings, [2.0], late)
+    commands = commands_of(careless(subject, tmp_path), readings, [2.0], late)
     silent = np.isnan(fields["command"]) | np.isinf(late[:, 0]) | ((time >= 1.008 + timeout) & (time < 1.3))
     back = 0.3 * np.clip(1.0 - (time - 1.5 - hold) / fade, 0.0, 1.0) * (time >= 1.5)
     assert silent.sum() > 12

@@ -1,5 +1,6 @@
 """Set-ups: shipped ones are complete, files are read as written, and `impact-gym check` prints true statements."""
 
+import re
 from dataclasses import replace
 from itertools import repeat
 
@@ -13,8 +14,10 @@ from solver_scenes import scene
 
 import impact_gym as ig
 from agents import check, load_setup
+from agents.baselines import PaperTrapezoid
+from agents.evaluate.scenario_batch import ScenarioBatch
 from agents.setups import feasible, owner, shipped, shipped_baselines
-from agents.setups.evaluation import VARIED, Evaluation, changes, variants
+from agents.setups.evaluation import VARIED, Evaluation, variants
 from agents.setups.setup import FIXED
 from agents.train.ppo import Run
 from impact_gym.task import Task
@@ -58,9 +61,6 @@ def test_variants_start_from_the_users_own_and_nominal_numbers():
         task = Task(**change.environment)
         assert (task.tool_mass, task.force_noise, task.robot, task.alarm) == (mass, noise, None, "reading")
         assert (task.drawn, change.same) == ({}, same)
-    own = {"alarm_threshold": 3.0}
-    thresholds = changes("alarm_threshold", Evaluation.of_table({}, own).varied["alarm_threshold"], own)
-    assert [change.environment["alarm_threshold"] for change in thresholds] == [0.75, 1.5, 3.0, 6.0, 12.0]  # N
 
 
 @pytest.mark.parametrize("robot", [None, ig.Robot(5.0, 3e3, 200.0)])
@@ -92,6 +92,20 @@ def test_warnings_name_the_problems_of_some_episodes():
         sentences = feasible.warnings(Task(**environment))
         assert len(sentences) == len(words), environment
         assert all(part in sentence for part, sentence in zip(words, sentences, strict=True))
+
+
+def test_check_says_what_a_file_means(mine):
+    setup = load_setup(mine)
+    played = ScenarioBatch(1_000_000, 500, setup.task).play(PaperTrapezoid().for_task(setup.task))
+    of_rule = [500, played.object_velocity.mean(), played.approach_time.mean(), played.missed.sum()]
+    lags = [4e3 * (m / k + (8.0 + m) / k_r) for m in (0.3, 0.5) for k in (200, 400) for k_r in (5e4, 2e5)]  # mm
+    for begin, expected in {
+        "in 500 scenarios": of_rule, "the tool lags": [min(lags), max(lags), 4.0, 2.0], "on 30": [30, 1.0, 4.0],
+        "distance: ": [0.1, 0.3], "velocity to go to": [-0.2, 0.6],
+    }.items():  # fmt: skip
+        (line,) = [line for line in check.lines(setup) if line.strip().startswith(begin)]
+        numbers = [float(number) for number in re.findall(r"-?\d+(?:\.\d+)?", line)]
+        assert numbers == pytest.approx(expected, abs=6e-4, rel=5e-3), line
 
 
 def test_set_up_extends_another_key_by_key(tmp_path):

@@ -5,7 +5,6 @@ from functools import wraps
 
 import numpy as np
 import pytest
-from cluster_work import kept
 from refusal import refused
 
 from agents import load_setup, tune
@@ -32,7 +31,8 @@ def bowl(candidates):
 
 
 def test_minimise_finds_the_optimum_of_each_problem_in_limits():
-    result = minimise(bowl, SPACE, problems=3, population=12, generations=150, seed=3)
+    result, other = (minimise(bowl, SPACE, 3, population=12, generations=150, seed=seed) for seed in (3, 4))
+    assert not np.array_equal(result.parameters, other.parameters)
     assert np.abs((result.parameters - OPTIMA) / SPANS).max() < 0.01
     assert result.loss == pytest.approx(bowl(result.parameters[None])[0], rel=1e-12, abs=1e-15)
     assert result.generations < 150
@@ -42,15 +42,6 @@ def test_minimise_finds_the_optimum_of_each_problem_in_limits():
     beyond = minimise(lambda x: np.sum((x / SPANS - 5.0) ** 2, axis=-1), SPACE, generations=60).parameters[0]
     assert beyond == pytest.approx([3.0, 100.0, 0.01], rel=1e-3)
     assert (beyond <= [3.0, 100.0, 0.01]).all()
-
-
-def test_minimise_depends_on_its_seed_and_on_no_global_generator():
-    runs = []
-    for seed, other in ((1, 5), (1, 6), (2, 5)):
-        np.random.seed(other)  # noqa: NPY002 - the search must not use it
-        runs.append(minimise(bowl, SPACE, 3, generations=5, seed=seed).parameters)
-    assert np.array_equal(runs[0], runs[1])
-    assert not np.array_equal(runs[0], runs[2])
 
 
 NOISY = """[environment]
@@ -92,38 +83,34 @@ def test_tune_uses_and_records_the_settings_of_the_set_up(noisy):
 
 def test_stopped_tuning_keeps_weights_and_reaches_the_same_file(noisy, tmp_path):
     (path,), setup = tune.tune(noisy), load_setup(noisy.setups[0])
-    whole, weights, parts = path.read_bytes(), weights_of(noisy), replace(noisy, out=tmp_path / "parts")
+    weights, parts = weights_of(noisy), replace(noisy, out=tmp_path / "parts")
     for some in ((4.0,), (1.0, 4.0)):
         (other,) = tune.tune(replace(parts, jobs=tmp_path / "others", weights=some))
-    assert other.read_bytes() == whole
+    assert other.read_bytes() == path.read_bytes()
     weights["1"]["parameters"]["speed"] = 0.123  # no search finds this number
     marked = tuned.write_tuned("noisy-speed", weights, setup, tmp_path).read_bytes()
     tune.tune(noisy)
     assert path.read_bytes() == marked
-    path.unlink()
-    tune.tune(noisy)
-    assert path.read_bytes() == whole
 
 
 def test_tuning_keeps_weights_that_another_one_wrote_meanwhile(noisy, monkeypatch):
     """It reads, merges and writes while it holds the lock."""
     search, seen = tune.tune_one, []
 
-    def watch(name, function):
+    def watched(function):
         def watching(*given):
-            with pytest.raises(ValueError, match="another process"), locked(noisy.out / tune.LOCK, wait=False):
-                seen.append("no lock")
-            seen.append(name)
+            refused(lambda: locked(noisy.out / tune.LOCK, wait=False).__enter__(), "another process")
+            seen.append(function.__name__)
             return function(*given)
 
-        monkeypatch.setattr(tuned, name, watching)
+        return watching
 
     @wraps(search)
     def meanwhile(**arguments):
         monkeypatch.undo()
         tune.tune(replace(noisy, weights=(10.0, 2.0), jobs=noisy.jobs / "others"))
-        watch("read_tuned", tuned.read_tuned)
-        watch("write_tuned", tuned.write_tuned)
+        for function in (tuned.read_tuned, tuned.write_tuned):
+            monkeypatch.setattr(tuned, function.__name__, watched(function))
         return search(**arguments)
 
     monkeypatch.setattr(tune, "tune_one", meanwhile)
@@ -139,10 +126,10 @@ def test_tune_repeats_a_search_if_anything_else_has_changed(noisy, tmp_path, mon
     (path,) = tune.tune(replace(noisy, seed=9))
     assert len({*contents, path.read_bytes()}) == 3
     path.unlink()
-    asked, stored = [], len(kept(noisy.jobs))
+    asked, stored = [], len([*noisy.jobs.iterdir()])
     monkeypatch.setattr(tune, "digest_of", lambda *names: asked.extend(names) or "another digest")
     tune.tune(replace(noisy, seed=9))
-    assert len(kept(noisy.jobs)) == stored + 2
+    assert len([*noisy.jobs.iterdir()]) == stored + 2
     assert {"impact_gym", "agents.baselines", "agents.evaluate", "agents.tune"} <= {*asked}
 
 
@@ -173,8 +160,6 @@ def test_search_bounds_beats_a_blind_profile_and_is_kept(tmp_path):
     known = ScenarioBatch.of("test", 4, Task(privileged=True), time_weight=[1.0]).play(Clairvoyant(parameters))
     blind = ScenarioBatch.of("test", 4, time_weight=[1.0]).play(load_baseline("blind-profile", 1.0))
     assert known.loss(1.0).mean() < blind.loss(1.0).mean()
-    fastest = np.sqrt(2 * known.scenario["distance"] / 20.0)  # s, at full acceleration
-    assert (known.approach_time > fastest - 0.02).all()  # the tool may swing ahead of the flange
     for written, found in ((25, 0.5 * parameters), (9, parameters)):
         write_bound(setup, {1.0: 0.5 * parameters}, tmp_path, generations=written)
         assert tune.search_bounds(wanted, **size) == [path]

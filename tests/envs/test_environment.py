@@ -7,8 +7,9 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 import pytest
-from episode_runs import ID, PAPERS_SPRING, ROBOT, Always, Given, encode, play, scene, steps
+from episode_runs import ID, PAPERS_SPRING, ROBOT, Always, Given, by_path, encode, play, steps
 from scipy import stats
+from solver_scenes import scene
 
 import impact_gym as ig
 from agents.baselines import PaperTrapezoid
@@ -17,9 +18,8 @@ from agents.evaluate.scenario_batch import ScenarioBatch
 from agents.setups import load_setup
 from experiments.reference import task as slow
 from impact_gym.envs.batch import Batch
-from impact_gym.task import ActionSpec, ObservationSpec, Task
+from impact_gym.task import ActionSpec, Task
 from impact_gym.task.range_sensor import RangeSensor
-from impact_gym.task.scenario import FIELDS
 
 COUPLINGS = [PAPERS_SPRING, ig.SpringDamper(150.0, 0.2), ig.Rigid(), ig.Bistable()]
 PERIODS_AND_DELAYS = [(0.016, 0.016), (0.004, 0.016), (0.011, 0.016), (0.016, 0.0), (0.016, 0.005), (0.011, 0.040)]
@@ -34,30 +34,27 @@ PERIODS_AND_DELAYS = [(0.016, 0.016), (0.004, 0.016), (0.011, 0.016), (0.016, 0.
     {"velocity_range": (-1.0, 2.0), "acceleration_range": (0.5, 20.0), "alarm_threshold": 5.0},
 ], ids=str)  # fmt: skip
 def test_papers_rule_played_in_the_environment_equals_simulate(options):
-    coupling, friction = options.get("coupling", PAPERS_SPRING), options.get("friction", 0.0)
+    coupling, friction = options.get("coupling", PAPERS_SPRING), options.get("friction")
     # a bistable tool's flight has no closed form and multiplies errors near the alignment
     rtol, flight_error = (1e-11, 1e-11) if isinstance(coupling, ig.Bistable) or friction else (1e-8, 1e-12)
-    task, late = Task(rtol=rtol, **options), []
+    task = Task(rtol=rtol, **options)
     played = ScenarioBatch(31, 12 if friction else 60, task).play(PaperTrapezoid().for_task(task))
     brake = ig.Brake(options.get("alarm_threshold", 1.0), options.get("reaction_delay", 0.016), 8.0)
-    law = {"dissipation": options.get("dissipation", "hu-guo"), "friction": friction}
-    for row, numbers in enumerate(zip(*played.scenario.values(), strict=True)):
-        struck = scene(dict(zip(played.scenario, map(float, numbers), strict=True)), coupling, **law)
-        outcome = ig.simulate(struck, ig.Trapezoid(1.0, 8.0, brake), duration=5.0, rtol=rtol)
-        velocity = outcome.peak_object_velocity if friction else outcome.object_velocity
-        assert played.object_velocity[row] == pytest.approx(velocity, rel=0, abs=1e-9)
-        assert played.approach_time[row] == pytest.approx(outcome.contacts[0].start, rel=0, abs=flight_error)
-        assert played.peak_force[row] == pytest.approx(outcome.peak_force, rel=1e-8)
-        if friction:
-            assert played.slide[row] == pytest.approx(outcome.slide, rel=1e-7)
-            late.append(played.rest_time[row] - outcome.rest_time)
-        else:
-            assert played.contact_count[row] == len(outcome.contacts)
+    struck = scene(coupling=coupling, friction=friction, dissipation=options.get("dissipation", "hu-guo"))
+    outcomes = ig.sweep(struck, ig.Trapezoid(1.0, 8.0, brake), by_path(played.scenario), duration=5.0, rtol=rtol)
+    velocity = outcomes.peak_object_velocity if friction else outcomes.object_velocity
+    assert played.object_velocity == pytest.approx(velocity, rel=0, abs=1e-9)
+    assert played.approach_time == pytest.approx(outcomes.first_contact, rel=0, abs=flight_error)
+    assert played.peak_force == pytest.approx(outcomes.peak_force, rel=1e-8)
     if friction:
+        assert played.slide == pytest.approx(outcomes.slide, rel=1e-7)
         assert played.slide.max() > 0.01
+        late = played.rest_time - outcomes.rest_time
         assert np.min(late) > -1.5e-3  # in an episode, rest is detected at control steps, after it each ms
         assert np.percentile(late, 90) < 1.5e-3
         assert np.max(late) < 2.0 * task.control_period
+    else:
+        assert np.array_equal(played.contact_count, outcomes.contact_count)
 
 
 @pytest.mark.parametrize(("options", "count"), [
@@ -65,49 +62,24 @@ def test_papers_rule_played_in_the_environment_equals_simulate(options):
     ({"horizon": 2.4, "missed_cost": 3.5, "time_weight": 0.7}, 150),
 ], ids=str)  # fmt: skip
 def test_object_never_reached_is_missed_after_the_horizon(options, count):
-    env = gym.make(ID, **options)
     horizon, cost, weight = options.get("horizon", 1.2), options.get("missed_cost", 2.0), options.get("time_weight", 2)
-    observations, rewards, info = play(env, Always(-0.5, 20.0), seed=1)
+    observations, rewards, info = play(gym.make(ID, **options), Always(-0.5, 20.0), seed=1)
     assert (info["approach_time"], info["missed"], info["peak_force"], len(rewards)) == (horizon, True, 0.0, count)
-    terms = {"time": -weight * horizon, "velocity": 0.0, "force": 0.0, "missed": -cost}
-    assert info["reward_terms"] == pytest.approx(terms, rel=1e-12)
+    assert (info["time_weight"], info["reward_terms"]["missed"]) == (weight, -cost)
     longest = {0.4: 0.55, 1.2: 1.5, 2.4: 3.0}[horizon]  # the observation's scale, s
     assert observations[-1, 2] == pytest.approx(2.0 * horizon / longest - 1.0, rel=0, abs=1.3e-7)
 
 
 @pytest.mark.parametrize("options", [{}, {"velocity_range": (-1.0, 0.5), "acceleration_range": (0.5, 10.0)}], ids=str)
-def test_flange_moves_as_the_decoded_action_says(options):
-    envs = gym.make_vec(ID, num_envs=np.int64(200), scenario={"distance": 0.5}, **options)
-    spec = ActionSpec(Task(**options))
-    action = np.random.default_rng(0).uniform(-1.2, 1.2, (200, 2)).astype(np.float32)
-    (velocity, acceleration), moved = spec.decode(action).T, []
-    envs.reset(seed=0)
-    for _ in range(20):
-        envs.step(action)
-        moved.append(envs.unwrapped.sensors()["velocity"])
-    assert moved[0] == pytest.approx(np.sign(velocity) * np.minimum(0.016 * acceleration, np.abs(velocity)), rel=1e-12)
-    arrived = np.abs(velocity) <= 0.3 * acceleration
-    assert np.sum(arrived) > 100
-    assert np.array_equal(moved[-1][arrived], velocity[arrived])
-    assert spec.encode(velocity, acceleration) == pytest.approx(np.clip(action, -1.0, 1.0), abs=2e-6)
+def test_action_is_decoded_to_the_numbers_that_are_encoded(options):
+    spec, action = ActionSpec(Task(**options)), np.random.default_rng(0).uniform(-1.2, 1.2, (200, 2))
+    decoded = spec.decode(action)
+    assert spec.encode(*decoded.T) == pytest.approx(np.clip(action, -1.0, 1.0), abs=2e-6)
+    assert decoded == pytest.approx(np.round(decoded, 6), rel=1e-12)
 
 
 RIPPLING = json.loads((Path(__file__).parents[1] / "helpers" / "rippling_scenes.json").read_text("utf-8"))
 """Draws and actions of two episodes of `ranged-robust`: the force of a contact falls to 0 twice in one step."""
-
-
-def both(controllers, numbers, options, frozen="validation", rtol=1e-8):
-    """The results of the environment and of the reference in these scenarios of a set."""
-    stage = ScenarioBatch.of(frozen, len(numbers), Task(rtol=rtol, **options), time_weight=[1.0])
-    return stage.play(controllers[0]), slow.rescore(controllers[1], frozen, numbers, options, 1.0)
-
-
-def assert_same(ours, theirs, velocity_error):
-    assert np.array_equal(theirs["contact_count"], ours.contact_count)
-    assert np.array_equal(theirs["missed"], ours.missed)
-    assert theirs["object_velocity"] == pytest.approx(ours.object_velocity, rel=0, abs=velocity_error)
-    assert theirs["approach_time"] == pytest.approx(ours.approach_time, rel=0, abs=1e-9)
-    assert theirs["peak_force"] == pytest.approx(ours.peak_force, rel=1e-6)
 
 
 @pytest.mark.parametrize(("frozen", "options", "velocity_error"), [
@@ -128,8 +100,13 @@ def assert_same(ours, theirs, velocity_error):
 def test_random_actions_give_what_the_reference_gives(frozen, options, velocity_error):
     rows = 2
     actions = np.random.default_rng(3).uniform([-0.8, -1.0], [1.2, 1.0], (1000, rows, 2)).astype(np.float32)
-    controllers = Given(np.clip(actions, -1.0, 1.0)), Given(np.clip(actions, -1.0, 1.0))
-    assert_same(*both(controllers, range(rows), options, frozen), velocity_error)
+    controllers = Given(actions), Given(actions)
+    ours = ScenarioBatch.of(frozen, rows, Task(**options), time_weight=[1.0]).play(controllers[0])
+    theirs = slow.rescore(controllers[1], frozen, range(rows), options, 1.0)
+    assert np.array_equal(theirs["contact_count"], ours.contact_count)
+    assert theirs["object_velocity"] == pytest.approx(ours.object_velocity, rel=0, abs=velocity_error)
+    assert theirs["approach_time"] == pytest.approx(ours.approach_time, rel=0, abs=1e-9)
+    assert theirs["peak_force"] == pytest.approx(ours.peak_force, rel=1e-6)
     expected, seen = (np.array(controller.seen) for controller in controllers)
     assert len(expected) == len(seen)
     assert seen.dtype == np.float32
@@ -147,51 +124,10 @@ def test_contact_whose_force_is_0_twice_in_a_step_ends(episode):
     assert (len(rewards), info["status"]) == (len(actions), "ok")
     task = Task(**setup).at(drawn)
     fixed = {name: getattr(task, name) for name in ("tool_mass", "coupling", "robot", "alarm", "alarm_threshold")}
-    scenario = {name: drawn[name] for name in FIELDS}
-    options = fixed | {"reaction_delay": drawn["reaction_delay"]}
-    expected = slow.play(Given([*actions[:, None], actions[-1:]]), scenario, options=options, time_weight=1.0)
+    fixed["reaction_delay"] = drawn["reaction_delay"]
+    expected = slow.play(Given([*actions[:, None], actions[-1:]]), drawn, options=fixed, time_weight=1.0)
     assert info["object_velocity"] == pytest.approx(expected.object_velocity, abs=1e-6)
     assert info["contact_count"] == expected.contact_count
-
-
-SPEC = ObservationSpec(Task())
-ALARM, SINCE, FORCE = 3, 4, 5
-"""Their places in an observation, by the table of the environment's documentation."""
-
-
-def at_rest(ticks, rows, **options):
-    """Observations (ticks, rows, n_obs) of a batch of arms that stand still, out of reach of any object."""
-    envs = gym.make_vec(ID, num_envs=rows, **options)
-    envs.reset(seed=0)
-    still = np.tile(encode(0.0, 20.0), (rows, 1))
-    return np.array([envs.step(still)[0] for _ in range(ticks)], float)
-
-
-def test_observations_before_the_touch_do_not_show_the_object():
-    envs = gym.make_vec(ID, num_envs=300, scenario="hard")
-    rng, history, touched = np.random.default_rng(0), [envs.reset(seed=0)[0]], np.full(300, np.nan)
-    while np.isnan(touched).any():
-        action = (0.4 * rng.uniform(-1.0, 1.0, 2) + [0.4, 0.0]).astype(np.float32)
-        observations, _, ended, _, infos = envs.step(np.tile(action, (300, 1)))
-        touched = np.where(ended & np.isnan(touched), infos.get("approach_time", np.nan), touched)
-        history.append(observations)
-    differ, ticks, alike = 0, len(history), np.array(history)[:, np.argmax(touched)]
-    for row, seen in enumerate(np.array(history).transpose(1, 0, 2)):
-        first = min(int(np.ceil(touched[row] / 0.016 + 1.0)), ticks - 1)  # the first one a delay after the touch
-        assert np.array_equal(seen[:first], alike[:first])
-        differ += not np.array_equal(seen[first], alike[first])
-    assert differ > 100
-
-
-def test_force_readings_are_never_negative_with_a_normal_bias():
-    assert not at_rest(5, 2000)[..., FORCE].any()
-    noise = SPEC.decode(at_rest(9, 2000, force_noise=0.3), "force")
-    assert noise.min() == 0.0
-    assert np.mean(noise == 0.0) == pytest.approx(0.5, abs=2.5 / np.sqrt(noise.size))
-    assert stats.kstest(noise[noise > 0.0], stats.halfnorm(scale=0.3).cdf).pvalue > 1e-3
-    bias = SPEC.decode(at_rest(6, 2000, force_bias=0.3), "force")
-    assert np.ptp(bias, axis=0) == pytest.approx(0.0, abs=1e-6)  # constant in an episode
-    assert stats.kstest(bias[3][bias[3] > 0.0], stats.halfnorm(scale=0.3).cdf).pvalue > 1e-3
 
 
 @pytest.mark.parametrize("coupling", [{"type": "Rigid"}, {"type": "SpringDamper", "stiffness": 50.0}])
@@ -211,54 +147,51 @@ def test_exact_range_sensor_reads_the_gap_of_the_trace_late(delay, coupling):
     assert before.sum() > 10
 
 
-def readings(ticks, **sensor):
-    """Range and age (ticks, 3000) 0.3 m before a flange at rest, each step after the first."""
-    batch, seen = Batch(3000, Task(scenario={"distance": 0.3}, range_sensor=sensor)), []
+def readings(ticks, *names, **task):
+    """Sensor values (names, ticks, 3000) 0.3 m before a flange at rest, each step after the first."""
+    batch, seen = Batch(3000, Task(scenario={"distance": 0.3}, **task)), []
     batch.begin_seeded(0, {})
     for _ in range(ticks):
         batch.step(np.tile(encode(0.0, 20.0), (3000, 1)), batch.ended)
-        seen.append([batch.sensors()[name] for name in ("range", "range_age")])
+        seen.append([batch.sensors()[name] for name in names])
     return np.array(seen).transpose(1, 0, 2)
 
 
 def test_range_sensor_has_the_given_noise_bias_and_dropouts():
     noise, share, bias, dropout = 0.004, 0.02, 0.015, 0.3
-    gap, age = readings(20, noise=noise, share=share, bias=bias, dropout=dropout)
+    gap, age = readings(20, "range", "range_age", range_sensor=RangeSensor(noise, share, bias, dropout))
     fresh, spread = gap[age == 0.0], noise + share * 0.3
     assert stats.kstest(fresh[::7], stats.norm(0.3 + bias, spread).cdf).pvalue > 1e-3
-    assert fresh.mean() == pytest.approx(0.3 + bias, abs=5.0 * spread / np.sqrt(fresh.size))
     assert np.mean(age > 0.0) == pytest.approx(dropout, abs=2.5 / np.sqrt(age.size))
     assert age[1:] == pytest.approx(np.where(age[1:] > 0.0, age[:-1] + 0.016, 0.0), abs=1e-9)
     assert (gap[1:] == gap[:-1])[age[1:] > 0.0].all()  # a lost reading leaves the last one
-    gap, _ = readings(5, bias=(-0.05, 0.05))  # constant in an episode
-    assert np.ptp(gap, axis=0) == pytest.approx(0.0, abs=1e-12)
-    assert stats.kstest(gap[0] - 0.3, stats.uniform(-0.05, 0.1).cdf).pvalue > 1e-3
-    assert readings(3, noise=1.0)[0].min() == 0.0  # never negative
+    assert readings(3, "range", range_sensor=RangeSensor(noise=1.0)).min() == 0.0  # never negative
 
 
 @pytest.mark.parametrize(("threshold", "sigma"), [(1.0, 0.5), (2.0, 2.0), (4.0, 5.0)])
 def test_false_alarms_are_as_frequent_as_noise_above_threshold(threshold, sigma):
-    rows, ticks, last, again, period = 1500, 40, 7, 0, 0.021  # an alarm lasts `last` steps; their sums are rounded down
-    options = {"alarm_threshold": threshold, "force_noise": sigma, "after_alarm": last * period}
-    seen = at_rest(ticks, rows, alarm="reading", control_period=period, **options)
-    share, first = stats.norm.sf(threshold / sigma), seen[:last, :, ALARM].mean(axis=1)
+    rows, ticks, last, again, period = 3000, 40, 7, 0, 0.021  # an alarm lasts `last` steps; their sums are rounded down
+    task = {"alarm": "reading", "alarm_threshold": threshold, "force_noise": sigma, "control_period": period}
+    alarm, since, force = readings(ticks, "alarm", "time_since_alarm", "force", after_alarm=last * period, **task)
+    assert force.min() == 0.0  # never negative
+    share, first = stats.norm.sf(threshold / sigma), alarm[:last].mean(axis=1)
     expected = 1.0 - (1.0 - share) ** np.arange(1, last + 1)
     assert (np.abs(first - expected) < 4.0 * np.sqrt(expected * (1.0 - expected) / rows)).all()
-    on, values, since = seen[:, :, ALARM] > 0.5, SPEC.decode(seen, "force"), last * period * seen[:, :, SINCE]
     raised, over = np.full(rows, np.inf), np.zeros(rows, bool)
     for tick in range(ticks):
         ends = tick - raised >= last
         raised[ends], over = np.inf, over | ends
-        begins = np.isinf(raised) & (values[tick] > threshold)
+        begins = np.isinf(raised) & (force[tick] > threshold)
         raised[begins], again = tick, again + np.sum(begins & over)
-        assert np.array_equal(on[tick], np.isfinite(raised))
-        assert since[tick, on[tick]] == pytest.approx(period * (tick - raised[on[tick]]), abs=1e-6)
+        on = np.isfinite(raised)
+        assert np.array_equal(alarm[tick], on)
+        assert since[tick, on] == pytest.approx(period * (tick - raised[on]), abs=1e-6)
     assert again > 100
 
 
 def test_detector_has_the_delay_and_false_alarms_of_pages_rule():
-    numbers, rng = (0.5, 0.0, 5.0, 0.0, 0.0, 0.0), np.random.default_rng(0)
-    own = dict(zip((each.name for each in DETECTOR), numbers, strict=True))
+    rng = np.random.default_rng(0)
+    own = dict.fromkeys((each.name for each in DETECTOR), 0.0) | {"allowance": 0.5, "detection": 5.0}
     rule = DetectorProfile([own.get(each.name, each.start) for each in DetectorProfile.PARAMETERS])
     rule = rule.for_task(Task(**DetectorProfile.NEEDS, force_noise=1.0))
     before, rows = 200, 1000

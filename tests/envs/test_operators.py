@@ -1,11 +1,10 @@
-"""Operators and channels: what is commanded, when it arrives, what the operator sees, what is recorded."""
+"""Operators and channels: what is commanded, when it arrives, and what the operator sees."""
 
 import math
 
-import gymnasium as gym
 import numpy as np
 import pytest
-from episode_runs import AWAY, OWN, STOP, TELEOP, Given, played, scene, sent, steered, steps
+from episode_runs import AWAY, OWN, STOP, played, sent, steered
 from scipy import stats
 from scipy.signal import lsim
 
@@ -16,7 +15,8 @@ from impact_gym.teleop.operators import SIMPLE_REACTION
 
 def delays_of(channel, rows=128, count=150, way="uplink"):
     """Delays of packets over a channel, (rows, n); that of a lost packet is infinite."""
-    task = {way: channel, "horizon": 9.0, "scenario": AWAY, "control_period": 0.01}
+    other = {"loss": 0.4, "burst": 5.0}  # the other way has losses of its own
+    task = {"uplink": other, "downlink": other, way: channel, "horizon": 9.0, "scenario": AWAY, "control_period": 0.01}
     packets = sent(steered(ig.operators.Trapezoid(0.3), rows, **task), STOP, steps=count)
     return packets["arrives" if way == "uplink" else "displayed"] - packets["sent"]
 
@@ -47,7 +47,7 @@ PERIOD = 0.021  # s; sums of it are rounded down, so that a packet seems to arri
 ], ids=["jitter", "no delay", "whole periods", "touch"])  # fmt: skip
 def test_arm_follows_the_newest_command_until_it_expires(channel, scenario):
     batch = steered(ig.operators.Reach(0.0, 0.1), uplink=channel, scenario=scenario, control_period=PERIOD)
-    packets, ages, last, gone = sent(batch, OWN, steps=120)[0], [], -1.0, 0
+    packets, gone = sent(batch, OWN, steps=120)[0], 0
     for each in played(batch, OWN, steps=120):
         sensors, link = each.episodes["sensors"][0], each.links[0]
         now = sensors["time"]
@@ -62,10 +62,9 @@ def test_arm_follows_the_newest_command_until_it_expires(channel, scenario):
         gone += expired
         assert link["expired"] == expired
     assert (gone > 5) == (channel.burst > 1.0)
-    for packet in arrived[np.argsort(arrived["arrives"], kind="stable")]:
-        if packet["sent"] > last:
-            last = packet["sent"]
-            ages.append(packet["arrives"] - last)
+    arrived = arrived[np.argsort(arrived["arrives"], kind="stable")]
+    used = arrived[arrived["sent"] == np.maximum.accumulate(arrived["sent"])]
+    ages = used["arrives"] - used["sent"]
     assert sensors["command_age_mean"] == pytest.approx(np.mean(ages), rel=1e-12)
     assert sensors["command_age_spread"] == pytest.approx(np.std(ages), rel=1e-9, abs=1e-12)
 
@@ -89,11 +88,9 @@ def test_trace_of_delays_is_played_from_a_random_time_on(tmp_path):
     assert delays[delays < 9.0] == pytest.approx(0.03)
 
 
-RISING = {"trace": [[0.0, 0.0], [1.0, 0.4], [2.0, 0.3]]}  # 0 to 0.4 s, then 0.4 to 0.3
-
-
 @pytest.mark.parametrize(("link", "mean"), [
-    ({"delay": 0.0}, 0.0), ({"delay": 0.1125}, 0.1125), ({"jitter": 0.25}, 0.25), (RISING, 0.5 * (0.2 + 0.35)),
+    ({"delay": 0.0}, 0.0), ({"delay": 0.1125}, 0.1125), ({"jitter": 0.25}, 0.25),
+    ({"trace": [[0.0, 0.0], [1.0, 0.4], [2.0, 0.3]]}, 0.5 * (0.2 + 0.35)),
     (ig.Channel(0.15, 0.1, loss=0.3), 0.25), ({"delay": 0.05, "jitter": 0.1, "tail": 0.6, "tail_share": 0.2}, 0.25),
 ], ids=str)  # fmt: skip
 def test_reach_has_minimum_jerk_and_takes_longer_over_delays(link, mean):
@@ -140,10 +137,7 @@ def test_tracker_uses_the_newest_displayed_position(display):
         late += len(seen) > 0 and np.isfinite(seen["displayed"]).all() and seen["displayed"].argmax() != len(seen) - 1
         remaining = 0.5 - (seen["position"][-1] if len(seen) else 0.0)
         assert packet["command"] == pytest.approx(min(remaining, 0.45), abs=1e-12)
-    if len(display) == 1:
-        assert packets["displayed"] - packets["sent"] == pytest.approx(3 * PERIOD)
-    else:
-        assert late > 10 or np.isinf(packets["displayed"]).mean() > 0.1
+    assert late > 10 or np.isinf(packets["displayed"]).mean() > 0.1 or len(display) == 1
 
 
 @pytest.mark.parametrize("display", [{"delay": 0.12}, {"jitter": 0.3, "loss": 0.3, "burst": 4.0}], ids=str)
@@ -165,44 +159,6 @@ def test_operator_stops_a_reaction_after_seeing_the_touch(display):
     assert (batch.info()["done_time"] < np.maximum(done, batch.chains["object_rest_time"]) + 0.016 + 1e-9).all()
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.05, 0.096])
-def test_flange_velocity_follows_from_commands_and_actions(delay):
-    rng, env = np.random.default_rng(2), gym.make(TELEOP, uplink={"delay": delay}).unwrapped
-    for seed in range(3):
-        env.reset(seed=seed)
-        velocity, ended = 0.0, False
-        while not ended and env.episode_info()["contact_count"] == 0:
-            begun, command = env.sensors()["time"], env.sensors()["command"]
-            action = np.array([*rng.uniform(-1.0, 1.0, 2), 1.0], np.float32)  # before an alarm it cannot withdraw
-            *_, ended, _, info = env.step(action)
-            gain, acceleration = 0.5 * (float(action[0]) + 1.0), round(1.0 + 9.5 * (float(action[1]) + 1.0), 6)
-            now, u, v = env.sensors()["time"], info["teleop_action"].item(), info["intervene_action"].item()
-            arrives = math.floor((now - delay - 1e-9) / 0.016) * 0.016 + delay
-            bends = [begun, arrives if arrives > begun + 1e-9 else now, now]
-            for k, (of, target) in enumerate(((command, gain * command), (u, v))):  # before and after a new command
-                most = (acceleration if of else 20.0) * (bends[k + 1] - bends[k])
-                velocity += min(max(target - velocity, -most), most)
-            assert velocity == pytest.approx(env.sensors()["velocity"], abs=1e-9)
-            assert v == pytest.approx(gain * u, abs=1e-12)
-            assert info["command"] == env.sensors()["command"]
-
-
-def test_simulate_with_the_recorded_velocities_gives_same_v_p():
-    rng = np.random.default_rng(5)
-    for seed in range(8):
-        env = gym.make(TELEOP, record_trace=True, rtol=1e-10).unwrapped
-        *_, (*_, info) = steps(env, Given(rng.uniform(-0.2, 1.0, (600, 3)).astype(np.float32)), seed)
-        trace, record = env.trace(), info["record"]
-        kept = np.flatnonzero(np.diff(trace.time, append=np.inf) > 1e-12)  # of equal times the last
-        times, velocities = trace.time[kept], trace.command_velocity[kept]
-        bends = np.flatnonzero(np.abs(np.diff(np.diff(velocities) / np.diff(times))) > 1e-6) + 1
-        corners = [0, *bends, len(times) - 1]
-        motion = ig.Motion(times[corners], velocities[corners])
-        struck = scene(record, ig.SpringDamper(50.0), friction=record["friction"])
-        outcome = ig.simulate(struck, motion, duration=float(times[-1]), rtol=1e-10)
-        assert outcome.peak_object_velocity == pytest.approx(info["object_velocity"], abs=2e-6)
-
-
 MUSCLE = 0.016 / 0.04 / (1.0 + 0.016 / 0.04)  # rate of a lag of 40 ms, for steps of 16 ms
 
 
@@ -214,8 +170,8 @@ def undone(noise):
 def measured_noise(rows=2000, count=64):
     """Errors by source, (rows, count) with nan for none; the hand's noise after its lags; and what each row draws."""
     link = ig.Channel(0.05, jitter=0.1, loss=0.3, burst=1.0 / 0.7)  # losses are independent of the previous ones
-    sensor = {"noise": 0.01, "dropout": 0.3}
-    task = {"uplink": link, "downlink": link, "scenario": AWAY, "range_sensor": sensor, "force_noise": 0.5}
+    task = {"uplink": link, "downlink": link, "scenario": AWAY, "range_sensor": {"noise": 0.01, "dropout": 0.3}}
+    task |= {"force_noise": 0.5, "force_bias": 0.5}
     draws = {"tool_mass": (0.1, 0.2), "friction": (0.1, 0.5), "alarm_threshold": (1.0, 2.0)}
     loud = steered(ig.operators.Reach(0.0, 1e-9), rows, **task | draws)
     quiet = steered(ig.operators.Reach(0.0, 1e-9, noise=0.0), **task)

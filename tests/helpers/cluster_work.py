@@ -18,12 +18,7 @@ def _called(log, number):
 
 
 def calls(log):
-    """Return the numbers of the started calls, in their order."""
     return [*map(int, Path(log).read_text().split())] if Path(log).exists() else []
-
-
-def kept(folder):
-    return {path: path.stat().st_mtime_ns for path in folder.glob("**/*.pkl")}
 
 
 def numbers(log, number, seconds=0.0):
@@ -45,15 +40,13 @@ def played(log, number):
 
 
 def ends_badly(log, number, how=""):
-    """Fail, kill the process as the kernel does when memory runs out, or never end."""
+    """Fail, find the disk full, kill the process as the kernel does when memory runs out, or never end."""
     if how == "fails":
         raise ArithmeticError(f"no result for {number}")
+    if how == "no room":
+        with whole_file(Path(log)):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     result = numbers(log, number, 600.0 if how == "late" else 0.0)
     if how == "killed":
         os.kill(os.getpid(), signal.SIGKILL)
     return result
-
-
-def finds_no_room(path):
-    with whole_file(Path(path)):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

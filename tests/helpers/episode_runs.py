@@ -1,4 +1,4 @@
-"""Play episodes, alone, in batches and with an operator; the scenes of `simulate` that episodes are."""
+"""Play episodes, alone, in batches and with an operator."""
 
 from collections import namedtuple
 
@@ -10,8 +10,7 @@ from impact_gym.kernels import PACKET
 
 import impact_gym as ig
 from impact_gym.envs.batch import Batch
-from impact_gym.task import ActionSpec, Task
-from impact_gym.task.task import ARGUMENTS
+from impact_gym.task import QUANTITIES, ActionSpec, Task
 
 ID, TELEOP = "ImpactApproach-v0", "ImpactTeleop-v0"
 IDS = sorted(name for name in gym.registry if name.startswith("ImpactApproach"))
@@ -81,7 +80,7 @@ def play(env, controller, seed=None, **options):
     """Play an episode as `steps` does; return arrays. Its reward is minus weighted time, V_p or miss, and force."""
     (first, _), *played = steps(env, controller, seed, **options)
     assert all(step[4].keys() <= {*COMMANDED} for step in played[:-1])
-    rewards, info, task = np.array([step[1] for step in played]), played[-1][4], task_of(env)
+    rewards, info, task = np.array([step[1] for step in played]), played[-1][4], env.unwrapped.task
     terms, tolerance = info["reward_terms"], 1e-12 * max(1.0, abs(rewards.sum()))
     assert terms.keys() == {"time", "velocity", "force", "missed"}
     assert rewards.sum() == pytest.approx(sum(terms.values()), rel=0, abs=tolerance)
@@ -97,11 +96,6 @@ def play(env, controller, seed=None, **options):
     return Episode(np.array([first, *(step[0] for step in played)]), rewards, info)
 
 
-def task_of(env):
-    """The task of an environment of `gymnasium.make`."""
-    return Task(**{name: value for name, value in env.spec.kwargs.items() if name in ARGUMENTS})
-
-
 def begin(env, seed=None, options=None):
     """Reset any front end; return the observations."""
     if not hasattr(env, "set_options"):  # as a batch of stable-baselines3 has
@@ -113,11 +107,9 @@ def begin(env, seed=None, options=None):
     return env.reset()
 
 
-def scene(scenario, coupling=PAPERS_SPRING, dissipation="hu-guo", friction=0.0):
-    """The scene of a scenario, with the environment's usual tool of 125 g."""
-    contact = ig.Contact(scenario["contact_stiffness"], scenario["restitution"], dissipation)
-    target = ig.Object(scenario["object_mass"], scenario["distance"], friction)
-    return ig.Scene(ig.Tool(0.125), target, contact, coupling)
+def by_path(scenario):
+    """Columns of a scenario as `sweep` takes them."""
+    return {QUANTITIES[name].path: column for name, column in scenario.items()}
 
 
 def steered(operator, rows=1, **options):

@@ -57,10 +57,10 @@ def elastic(path, base="base", tip="tip", **options):
     return from_urdf(path, base, tip, **ELASTIC | options)
 
 
-def slides(folder, axis="1 0 0"):
-    """Two slides, along `axis` and along y; along `axis` they are one mass of 5.225 kg on a spring."""
-    first, second = (joint("x", "prismatic", "base", "carriage", axis=axis),
-                     joint("y", "prismatic", "carriage", "tip", axis="0 1 0"))  # fmt: skip
+def slides(folder):
+    """Two slides, along z and along y; along z they are one mass of 5.225 kg on a spring."""
+    first = joint("z", "prismatic", "base", "carriage", axis="0 0 1")
+    second = joint("y", "prismatic", "carriage", "tip", axis="0 1 0")
     return write(folder, link("base"), first, link("carriage", 2.0), second, link("tip", 3.225))
 
 

@@ -10,16 +10,14 @@ from impact_gym.task import ActionSpec, ObservationSpec, Task
 
 
 def made_up_policy(seed=0, environment=None, activation="tanh", log_std=-1.0, sizes=(16, 12)):
-    environment = environment or {}
     rng = np.random.default_rng(seed)
 
     def affine(name, outputs, inputs):
         weight = rng.normal(size=(outputs, inputs)) / (1.0 if name == "hidden_0" else np.sqrt(inputs))
         return Affine(name, weight.astype(np.float32), rng.normal(size=outputs).astype(np.float32) * np.float32(0.3))
 
-    task = Task(**environment)
-    inputs, outputs = len(ObservationSpec(task)), len(ActionSpec(task))
-    widths = [inputs, *sizes]
+    task = Task(**(environment or {}))
+    outputs, widths = len(ActionSpec(task)), [len(ObservationSpec(task)), *sizes]
     hidden = [affine(f"hidden_{k}", n, m) for k, (m, n) in enumerate(itertools.pairwise(widths))]
     noise = Affine("log_std", np.zeros((outputs, widths[-1]), np.float32), np.full(outputs, log_std, np.float32))
     network = Network(tuple(hidden), affine("mean", outputs, widths[-1]), noise, activation)
@@ -33,5 +31,6 @@ KINDS = {
 
 
 def observations(policy, count=5000, seed=1):
-    """Return observations drawn uniformly from the policy's observation space."""
-    return np.random.default_rng(seed).uniform(policy.spec.scaled_low, 1.0, (count, policy.inputs)).astype(np.float32)
+    """Return observations drawn uniformly from the observation space of a policy, a rule or a teacher."""
+    low = policy.spec.scaled_low
+    return np.random.default_rng(seed).uniform(low, 1.0, (count, len(low))).astype(np.float32)

@@ -6,6 +6,7 @@ import runpy
 import shlex
 import sys
 import warnings
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -29,8 +30,14 @@ FILE = re.compile(r"(?<![\w/.:-])(?:agents|docs|experiments|impact_gym|tests)/[\
 NAMED = {*shipped(), *shipped_baselines(), *FIXED}
 
 
-class Read(BaseException):
-    """Raised after a command has read its options."""
+def run_python(words, monkeypatch):
+    """Run a script or -m module in this process. A warning is an error."""
+    module = words[0] == "-m"
+    run = partial(runpy.run_module, alter_sys=True) if module else runpy.run_path
+    with monkeypatch.context() as patched, warnings.catch_warnings():
+        warnings.filterwarnings("ignore", ".*found in sys.modules", RuntimeWarning)
+        patched.setattr(sys, "argv", words[module:])
+        run(words[module], run_name="__main__")
 
 
 def read_options(module, words, monkeypatch):
@@ -43,26 +50,22 @@ def read_options(module, words, monkeypatch):
             command = read(*arguments, **options)
             if module == MODULES["study"]:
                 assert {*command.options.only} <= {table.name for table in studies.load(command.name).measurements}
-            raise Read
+            sys.exit()
 
         return reading
 
-    with monkeypatch.context() as patched, warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # of a module that is run and was imported before
-        patched.setattr(sys, "argv", [module, *words])
+    with monkeypatch.context() as patched:
         for place, reads in ((tyro, "cli"), (argparse.ArgumentParser, "parse_args")):
             patched.setattr(place, reads, and_stop(getattr(place, reads)))
-        with pytest.raises((Read, SystemExit)) as ended:
-            runpy.run_module(module, run_name="__main__", alter_sys=True)
-    assert getattr(ended.value, "code", 0) == 0, f"{module} {words}: {ended.value}"  # of --help; 2: no such option
+        with pytest.raises(SystemExit) as ended:
+            run_python(["-m", module, *words], patched)
+    assert not ended.value.code, f"{module} {words}: {ended.value}"
 
 
 def read_printed(command, monkeypatch):
     """Let a printed command, `impact-gym NAME ...`, read its options; without options only its name is checked."""
     _, name, *words = shlex.split(re.sub(r"[][]", "", command))
     assert name in MODULES, command
-    words = [STANDS_FOR.get(word, word) for word in words]
-    if words and name == "study":
-        words[0] = "paper" if words[0] == "linear-blind" else words[0]
-    if words:
-        read_options(MODULES[name], [word for word in words if word], monkeypatch)
+    stands_for = STANDS_FOR | ({"NAME": "paper"} if name == "study" else {})
+    if words := [stands_for.get(word, word) for word in words]:
+        read_options(MODULES[name], [*filter(None, words)], monkeypatch)

@@ -61,11 +61,6 @@ STEERED_DRAWN = {
 """Arguments with a range for every number, with each kind of operator."""
 RECORDED = {"type": "Replay", "time": [0.0, 0.5, 3.0, 3.1], "velocity": [0.0, 0.3, 0.3, 0.0]}
 TRACED = {"trace": [[0.0, 0.02], [0.5, 0.3], [1.0, 0.1]]}
-FIXED = st.sampled_from([
-    None, {"scenario": {"distance": 0.1}},
-    {"record": {"restitution": 0.5, "noise_seed": 7.0}, "scenario": {"object_mass": 0.3}},
-])  # fmt: skip
-"""Options of a reset."""
 
 
 def number_or_range(low, high):
@@ -83,12 +78,11 @@ def described(kind, spans):
     return numbers.map(lambda given: {"type": kind, **given})
 
 
-SOFT = {
-    "spring": st.sampled_from([ig.SpringDamper(150.0, 0.3), {"type": "SpringDamper", "stiffness": 80.0}]),
-    "drawn spring": described("SpringDamper", SPRING),
-    "mechanism": st.sampled_from([ig.Bistable(80.0, rear_stop=-0.01), {"type": "Bistable"}]),
-    "drawn mechanism": described("Bistable", MECHANISM),
-}
+RIGID = st.just({"type": "Rigid"})
+SOFT = described("SpringDamper", SPRING) | described("Bistable", MECHANISM) | st.sampled_from([
+    ig.SpringDamper(150.0, 0.3), {"type": "SpringDamper", "stiffness": 80.0},
+    ig.Bistable(80.0, rear_stop=-0.01), {"type": "Bistable"},
+])  # fmt: skip
 OWN = {
     **{name: number_or_range(*span) for name, span in SPANS.items() if name not in ESTIMATE},
     "scenario": st.sampled_from(["train", "hard"]) | some_of(SCENARIO),
@@ -113,8 +107,7 @@ def rows_of_tasks(draw, count=3):
     """Arguments of the environment for each of `count` rows; all rows observe the same quantities."""
     common, seen = draw(st.fixed_dictionaries(OBSERVED)), draw(st.sampled_from(["", "estimate", "sensor"]))
     common["observe_range_noise"] &= seen == "estimate"
-    kinds = SOFT if common["deflection_sensor"] else SOFT | {"rigid": st.just({"type": "Rigid"})}
-    always = {"coupling": st.sampled_from([*kinds]).flatmap(kinds.get)}
+    always = {"coupling": SOFT if common["deflection_sensor"] else SOFT | RIGID}
     always |= {"range_noise": number_or_range(*SPANS["range_noise"])} if seen == "estimate" else {}
     always |= {"range_sensor": some_of(RANGE_SENSOR)} if seen == "sensor" else {}
     optional = OWN | ({"range_bias": number_or_range(*SPANS["range_bias"])} if seen == "estimate" else {})

@@ -51,9 +51,7 @@ def blow(of, motion, after):
     return Blow(time, force, velocity)
 
 
-def log(
-    of, rate=4000.0, noise=0.02, low_pass=None, bias=0.0, columns=("force",), seed=0, after=0.03, motion=MOTION,
-):  # fmt: skip
+def log(of, rate=4000.0, noise=0.02, low_pass=None, bias=0.0, columns=("force",), seed=0, after=0.03, motion=MOTION):
     """A log until `after` s behind the touch; noise relative to each peak, filter of first order (Hz)."""
     here, rng, before = blow(of, motion, after), np.random.default_rng(seed), 0.01
     times = here.time[0] - before + np.arange(int((before + after) * rate)) / rate
@@ -69,10 +67,6 @@ def log(
     return recorded
 
 
-def write_log(path, columns):
-    np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns), comments="")
-
-
 SCENE = scene(1e4, 0.5)
 TIME = np.arange(0.303, 0.343, 1 / 4000)  # s
 BLOW = ig.simulate(scene(1e5, 0.5), MOTION, 0.5, trace=True).trace
@@ -80,11 +74,9 @@ CLEAN = np.interp(TIME, BLOW.time, BLOW.contact_force)  # N
 NOISE = np.random.default_rng(0).normal(size=len(TIME))
 FORCE = CLEAN + 0.02 * CLEAN.max() * NOISE
 """A log of a blow by our own solver, for the checks of a log before the fit."""
-FLAT = np.array([5.0, 4.0, 2.5, *[0.5] * 8, 2.5, 4.0, 5.0, 4.5, 4.0])  # N; the bottom is 4 resolutions deep
 
 
 def put(values, place, value):
-    """A copy with another value at one index."""
     values = values.copy()
     values[place] = value
     return values

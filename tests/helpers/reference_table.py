@@ -11,7 +11,7 @@ machine. A slow test solves all lines again, and a quick test some of them (test
 
 import json
 from collections import defaultdict
-from dataclasses import asdict, fields, is_dataclass
+from dataclasses import asdict, fields
 from functools import cache
 from itertools import product
 from pathlib import Path
@@ -51,26 +51,9 @@ class Run(NamedTuple):
         return reference.simulate(*self.approach, rtol=self.rtol, method=self.method)
 
 
-def clamped(push, delay):
-    """A contact in whose end the tool brakes with `push`, in v/t0, so that the force is clamped at zero."""
-    t0 = (0.25 / 1e5) ** 0.4
-    brake = ig.Brake(threshold=0.0, delay=delay * t0, deceleration=-push / t0)
-    return scene(1e5, 0.2, distance=0.1), ig.Trapezoid(1.0, 8.0, brake), 0.1 + 1 / 16 + 30 * t0
-
-
-def pressed_stop(k_c, zeta):
-    """A slider that reaches its rear stop while the tool still pushes a heavy object."""
-    mechanism = ig.Bistable(rear_stop=-0.002, front_stop=0.004, stop_damping_ratio=zeta, stop_stiffness=1e6)
-    return scene(k_c, 0.1, mechanism, m_p=5.0), MOTION, 0.8
-
-
 def barely_parting(coupling_stiffness):
     """Between two stiffnesses of the spring the second contact stops parting, so that there is no third."""
     return scene(1e6, 0.3, ig.SpringDamper(float(coupling_stiffness))), MOTION, 1.5
-
-
-BARELY = 13.86003, 13.86004
-"""Stiffnesses of the spring (N/m) with three contacts and with two."""
 
 
 def overdamped(ratio, stiffness=1e5):
@@ -78,17 +61,16 @@ def overdamped(ratio, stiffness=1e5):
     return scene(1e2, 0.5, ig.SpringDamper(stiffness, ratio), m_t=0.01, m_p=2.5, distance=0.1)
 
 
-def early_end(exponent):
-    """At a millionth of the depth u^(m - n) + d w still falls steeply: hard to tell whether force or contact ends."""
-    return scene(1e5, 0.5, SPRING, distance=0.25, stiffness_exponent=exponent), CRUISE, 1.5
-
-
 def cases():
     """All runs, without their results."""
     for seed in range(150):
         yield Run("imposed", str(seed), random_approach(seed))
+    t0 = (0.25 / 1e5) ** 0.4
+    # at the end of the contact the tool brakes with `push`, in v/t0, so that the force is clamped at zero
     for push, delay in product((-1.0, -2.0, -3.0), np.linspace(0.0, 0.6, 13).tolist()):
-        yield Run("clamped", f"{push}, {delay}", clamped(push, delay))
+        brake = ig.Brake(threshold=0.0, delay=delay * t0, deceleration=-push / t0)
+        approach = scene(1e5, 0.2, distance=0.1), ig.Trapezoid(1.0, 8.0, brake), 0.1 + 1 / 16 + 30 * t0
+        yield Run("clamped", f"{push}, {delay}", approach)
     for coupling, robot, seed in product(COUPLINGS, ROBOTS, range(5)):
         approach = random_approach(seed, coupling, robot, LAWS[:-1], (10, 2000))
         yield Run(f"{coupling}, {robot}", str(seed), approach, rtol=1e-12)
@@ -98,21 +80,21 @@ def cases():
     for figure, (coupling, k_c, e) in FIGURES.items():
         yield Run("figure", figure, (scene(k_c, e, coupling), MOTION, 1.5))
     yield Run("hard", "chatter", (scene(1e10, 0.7, SPRING), CRUISE, 0.6))
-    for k_c, zeta in [(1e3, 0.0), (3e4, 1.0), (1e3, 3.0)]:
-        yield Run("hard", f"pressed stop, {k_c}, {zeta}", pressed_stop(k_c, zeta))
+    for k_c, zeta in [(1e3, 0.0), (3e4, 1.0), (1e3, 3.0)]:  # the rear stop hits while the tool pushes a heavy object
+        stops = ig.Bistable(rear_stop=-0.002, front_stop=0.004, stop_damping_ratio=zeta, stop_stiffness=1e6)
+        yield Run("hard", f"pressed stop, {k_c}, {zeta}", (scene(k_c, 0.1, stops, m_p=5.0), MOTION, 0.8))
     yield Run("hard", "overdamped", (overdamped(30.0, 1e4), CRUISE, 0.3), None, 1e-10, "Radau")
+    # at a millionth of the depth u^(m - n) + d w still falls steeply: hard to tell whether force or contact ends
     for exponent in (1.501, 1.51, 1.53, 1.54):
-        yield Run("hard", f"early end, {exponent}", early_end(exponent))
-    for stiffness in BARELY:
+        soft = scene(1e5, 0.5, SPRING, distance=0.25, stiffness_exponent=exponent)
+        yield Run("hard", f"early end, {exponent}", (soft, CRUISE, 1.5))
+    for stiffness in (13.86003, 13.86004):  # N/m; three contacts and two
         yield Run("barely parting", str(stiffness), barely_parting(stiffness))
 
 
-def packed(value):
+def packed(record):
     """A record as a dict with its class's name as `type`."""
-    if is_dataclass(value):
-        names = [field.name for field in fields(value)]
-        return {"type": type(value).__name__} | {name: packed(getattr(value, name)) for name in names}
-    return value
+    return {"type": type(record).__name__} | {field.name: getattr(record, field.name) for field in fields(record)}
 
 
 def unpacked(value):
@@ -135,12 +117,10 @@ def table():
     return dict(by_family)
 
 
-def written(run):
-    """One line of the file: numbers with all their digits."""
-    outcome = asdict(run.solved())
-    del outcome["contact_seconds"]  # of a machine
-    return json.dumps(run._asdict() | {"approach": [*map(packed, run.approach)], "outcome": outcome})
-
-
 if __name__ == "__main__":
-    FILE.write_text("[\n" + ",\n".join(map(written, cases())) + "\n]\n")
+    lines = []
+    for run in cases():
+        outcome = asdict(run.solved())
+        del outcome["contact_seconds"]  # of a machine
+        lines.append(json.dumps(run._asdict() | {"outcome": outcome}, default=packed))
+    FILE.write_text("[\n" + ",\n".join(lines) + "\n]\n")

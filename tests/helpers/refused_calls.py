@@ -27,7 +27,7 @@ from experiments.design.options import DesignOptions
 from experiments.play import __main__ as playing
 from experiments.report import __main__ as reports
 from impact_gym.identify.__main__ import parse
-from impact_gym.robot import all_joints, default_approach, from_urdf
+from impact_gym.robot import all_joints, default_approach
 from impact_gym.sb3 import ImpactVecEnv
 from impact_gym.task import evaluation_sets
 
@@ -43,14 +43,9 @@ def value_of(text):
     return eval(text, globals())
 
 
-def file_of(name, read):
-    """A function that writes a file with some content and reads it."""
-
-    def reading(text):
-        Path(name).write_bytes(text if isinstance(text, bytes) else text.encode())
-        read(name)
-
-    return reading
+def read_file(name, read, text):
+    Path(name).write_text(text)
+    read(name)
 
 
 def set_up_file(text="", **tree):
@@ -92,30 +87,11 @@ def stepped(make, action):
     refusing(make, lambda env: env.step(bad))
 
 
-def bare(make, **options):
-    return getattr(env := make(ID, **options), "unwrapped", env)
+def arm(make=made_up_arms.rods, **options):
+    return made_up_arms.elastic(make(Path()), **options)
 
 
-def arm(make=made_up_arms.rods, base="base", tip="tip", **options):
-    return from_urdf(make(Path()), base, tip, **made_up_arms.ELASTIC | options)
-
-
-def urdf(old="", new="", joint=(), more="", **options):
-    more = made_up_arms.joint(*joint) if joint else more
-    old, new = ("</robot>", f"{more}</robot>") if more else (old, new)
-    arm(partial(made_up_arms.edited, old=old, new=new), **options)
-
-
-@cache
-def usual_arm():
-    return arm()
-
-
-@cache
-def usual_line():
-    return usual_arm().along((0.1, 1.6), (1.0, 0.5, 0.0), 0.2)
-
-
+usual_line = cache(lambda: arm().along((0.1, 1.6), (1.0, 0.5, 0.0), 0.2))
 CALLS = {
     "impact-gym report": report, "set-up file": set_up_file, "set-up": set_up_file,
     "policy file": policy_file,
@@ -123,21 +99,19 @@ CALLS = {
     "make with an operator": [partial(make, ID) for make in MAKERS],
     "make a batch of one or stable-baselines3's": [partial(make, ID) for make in MAKERS[1:]],
     "step": [partial(stepped, make) for make in (gym.make, TWO)],
-    "set_scenario": [lambda scenario, make=make: bare(make).set_scenario(scenario) for make in MAKERS],
+    "set_scenario": [lambda scenario, make=make: make(ID).unwrapped.set_scenario(scenario) for make in MAKERS],
     "reset options": [lambda make=make, **options: refusing(make, lambda env: begin(env, options=options))
                       for make in (gym.make, TWO, MAKERS[2])],
-    "reset": [bare(make).reset for make in (gym.make, gym.make_vec)],
+    "reset": [make(ID).unwrapped.reset for make in (gym.make, gym.make_vec)],
     "reset of a batch of 2": gym.make_vec(ID, num_envs=2).reset,
-    "file of delays": file_of("delays.csv", lambda name: ig.Channel(trace=Path(name))),
-    "log file": file_of("log.csv", lambda name: ig.identify(name, SCENE, MOTION, ("contact.stiffness",))),
-    "URDF": urdf,
+    "file of delays": partial(read_file, "delays.csv", lambda name: ig.Channel(trace=Path(name))),
+    "log file": partial(read_file, "log.csv", lambda name: ig.identify(name, SCENE, MOTION, ("contact.stiffness",))),
+    "URDF": lambda new="", old="(?=</robot>)", **more: arm(partial(made_up_arms.edited, old=old, new=new), **more),
     "scene file": lambda changes: parse(changed(tomllib.loads(SCENE_FILE), changes), ("contact.stiffness",)),
-    "altered set": file_of("mine.csv", evaluation_sets.load),
+    "altered set": partial(read_file, "mine.csv", evaluation_sets.load),
     "impact-gym play": lambda setup="teleop-rigid", **options: playing.work(playing.Play(setup, open=False, **options)),
     "DesignOptions": lambda **options: DesignOptions(out=Path(), **options).checked(), "from_urdf": arm,
-    "along": lambda start, direction, length, **options: (arm(**options) if options else usual_arm()).along(
-        start, direction, length),
-    "all_joints.simulate": lambda **given: all_joints.simulate(
-        **{"arm": usual_arm(), "approach": usual_line()} | given),
+    "along": lambda start, direction, length, **options: arm(**options).along(start, direction, length),
+    "all_joints.simulate": lambda **given: all_joints.simulate(**{"arm": arm(), "approach": usual_line()} | given),
 }  # fmt: skip
 """The function that each table calls, by the table's name. If there are several, all refuse the same input."""

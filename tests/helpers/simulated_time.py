@@ -75,25 +75,27 @@ class Program:
         code = self._library.loop_run(sleep, RECEIVE(self._receive), deliver, priority)
         return code, *((c_char * 1000).in_dll(self._library, name).value.decode() for name in ("printed", "warned"))
 
-    def run_in(self, world, network):
-        """Run it as a part of a world whose time is 0, connected to the arm's socket; return a list of its results."""
-        sleeps, woken, results = queue.SimpleQueue(), queue.SimpleQueue(), []
+    def run_with(self, network):
+        """Run it until the arm of `network` says the end, a period after each of its packets; return its results."""
+        asleep, woken, results = queue.SimpleQueue(), queue.SimpleQueue(), []
 
         def wake(until):
-            sleeps.put(until)
+            asleep.put(until)
             woken.get()
 
         def work():
             results.append(self.run(wake))
-            sleeps.put(None)
+            asleep.put(None)
 
-        def follow():
-            if until := sleeps.get():
-                network.inbox += [(packet, "loop") for packet in self.sent]
-                self.sent.clear()
-                world.call_at(1e-9 * until, lambda: (woken.put(None), follow()))
+        def follow(*packets):
+            self.inbox += packets
+            woken.put(None)
+            asleep.get()
+            network.inbox += [(packet, "loop") for packet in self.sent]
+            self.sent.clear()
 
-        network.controller = self.inbox.append
+        network.controller = follow
         threading.Thread(target=work, daemon=True).start()
-        follow()
+        asleep.get()
+        follow()  # it greets
         return results

@@ -5,10 +5,8 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-import pytest
 
 import impact_gym as ig
-from experiments import reference
 
 CRUISE = ig.Trapezoid(1.0, 8.0)
 MOTION = ig.Trapezoid(1.0, 8.0, ig.Brake())
@@ -18,10 +16,6 @@ SPRING, LINEAR = ig.SpringDamper(150.0), ig.SpringDamper(50.0)
 COUPLINGS = {"rigid": ig.Rigid(), "spring": ig.SpringDamper(150.0, 0.5), "bistable": ig.Bistable()}
 ROBOTS = {"rigid robot": None, "robot": ig.Robot(5.0, 1.5e5, 50.0), "robot table": TABLE}
 EXPONENTS = [(1.5, 1.5), (1.5, 1.5), (1.0, 0.0), (1.2, 1.2), (2.0, 2.0)]
-
-fast, slow = partial(ig.simulate, rtol=1e-12), partial(reference.simulate, rtol=1e-11)
-BOTH = pytest.mark.parametrize("simulate", [fast, slow], ids=["fast", "slow"])
-"""For numbers that our solver and the independent solver must both give."""
 
 
 def scene(k_c=1e5, e=0.5, coupling=None, robot=None, *, m_t=0.125, m_p=0.25, distance=0.2505, friction=None, **law):
@@ -54,8 +48,7 @@ def random_approach(seed, coupling="any", robot="rigid robot", laws=("hu-guo",),
         coupling = "spring" if random.random() < 0.8 else "rigid"
     spring, mechanism = ig.SpringDamper(log(*springs), random.uniform(0, 3)), random_mechanism(random)
     couplings = {"rigid": ig.Rigid(), "spring": spring, "bistable": mechanism}
-    lumped = ig.Robot(log(1, 10), log(1e4, 5e5), log(20, 200))
-    robots = ROBOTS | {"robot": lumped}
+    robots = ROBOTS | {"robot": ig.Robot(log(1, 10), log(1e4, 5e5), log(20, 200))}
     m, n = EXPONENTS[random.integers(len(EXPONENTS)) if len(laws) > 1 else 0]
     contact = ig.Contact(log(1e3, 1e6), random.uniform(0.1, 1), laws[random.integers(len(laws))], m, n)
     target = ig.Object(log(0.05, 2.5), random.uniform(0.05, 0.15))
@@ -80,11 +73,6 @@ def on_rough_ground(seed, *features):
         contact = replace(chain.contact, dissipation="fixed", stiffness_exponent=m, damping_exponent=n)
         chain = replace(chain, contact=replace(contact, reference_velocity=log_uniform(random, 0.05, 2.0)))
     return chain, motion, duration
-
-
-def at_end(outcome):
-    """Positions and velocities where a run ends, of either solver."""
-    return ig.Trace(*(row[-1] for row in outcome.trace)) if getattr(outcome, "trace", None) else outcome
 
 
 def stored_energy(coupling, stretch):

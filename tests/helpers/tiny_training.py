@@ -13,6 +13,6 @@ TINY = Training(
 ALL_PARTS = "[environment]\ntool_mass = [0.1, 0.2]\n[evaluation.nominal]\ntool_mass = 0.125\n"
 
 
-def tiny(setup="linear-blind", seed=0, **changes):
+def tiny(setup="linear-blind", **changes):
     """Return a training that takes at most a second."""
-    return Run(load_setup(setup), replace(TINY, **changes), seed)
+    return Run(load_setup(setup), replace(TINY, **changes))

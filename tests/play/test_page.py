@@ -128,6 +128,7 @@ def test_picture_moves_at_the_time_of_its_frames(faked, world):
     page, (near, far) = faked.page, world.session.setups[faked.setup]["distance"]
     scale = faked.ask("number(given)", ".somewhere", "width") / (far - near)  # pixels per m
     home = faked.ask("number(given)", "#picture .igw-tool", "x") / scale
+    assert faked.ask("number(given)", "#picture .igw-flange", "x") > 0  # the flange is on the picture, too
     faked.ask("pick(given)", "slow", "a quarter")
     page.keyboard.press("Enter")
     faked.begin()
@@ -179,6 +180,7 @@ def test_chart_has_a_dot_for_each_try_that_counts(faked):
     x, y = (Polynomial.fit(*np.transpose(scale), 1) for scale in (across, up))
     dots = np.array([dot[1:] for dot in faked.ask("all(given)", "#chart .dot", "cx", "cy")])
     assert dots == pytest.approx(np.array([(x(time), y(100 * slide)) for time, slide in tries]), abs=0.1)
+    assert dots[-1] == pytest.approx([40 + 326 / 1.08, 232 - 210 / 1.12], abs=0.1)  # the farthest, near the corner
 
 
 def test_page_fits_and_a_tool_finds_it_accessible(browser, world):

@@ -85,10 +85,8 @@ def test_third_joint_in_a_plane_yields_by_inertia_and_springs(tmp_path):
 
 def test_joint_parameter_is_one_one_per_joint_or_drawn(tmp_path):
     assert elastic(rods(tmp_path), joint_stiffness=5e3).stiffness.tolist() == [5e3, 5e3]
-    drawn = [
-        elastic(tmp_path / "arm.urdf", joint_stiffness=((1e3, 1e4), (2e3, 2e3)), seed=k % 50).stiffness
-        for k in range(51)
-    ]
+    pairs = (1e3, 1e4), (2e3, 2e3)
+    drawn = [elastic(tmp_path / "arm.urdf", joint_stiffness=pairs, seed=k % 50).stiffness for k in range(51)]
     assert drawn[50].tolist() == drawn[0].tolist()
     first, second = np.transpose(drawn)
     assert np.median(first) == pytest.approx(10**3.5, rel=0.3)  # log-uniform; 5500 if uniform
@@ -158,23 +156,14 @@ def two_rods(folder, **options):
     return arm, arm.along((0.1, 1.6), (1.0, 0.5, 0.0), 0.2)
 
 
-@pytest.mark.parametrize(
-    ("coupling", "sagging", "across"),
-    [
-        (ig.Rigid(), 5.35, 50.0),
-        (ig.Rigid(), 5.35, 1e6),
-        (ig.SpringDamper(50.0), 0.0, 50.0),
-        (ig.Bistable(), 5.225, 50.0),
-    ],
-    ids=["rigid", "stiff", "spring", "bistable"],
-)  # fmt: skip  kg, N s/m; the tool is held along the line
+# kg, N s/m; the tool is held along the line
+@pytest.mark.parametrize(("coupling", "sagging", "across"), [
+    (ig.Rigid(), 5.35, 50.0), (ig.Rigid(), 5.35, 1e6), (ig.SpringDamper(50.0), 0.0, 50.0), (ig.Bistable(), 5.225, 50.0),
+], ids=["rigid", "stiff", "spring", "bistable"])  # fmt: skip
 def test_upright_slides_are_one_mass_that_sags_on_a_spring(coupling, sagging, across, tmp_path):
     """Nothing rotates: the compiled solver has the same equations, from m g / k farther away."""
-    springs, scene = (
-        {"joint_stiffness": (1.9e5, 1e5), "joint_damping": (50.4, across)},
-        replace(SCENE, coupling=coupling),
-    )
-    arm = elastic(slides(tmp_path, axis="0 0 1"), **springs)
+    scene = replace(SCENE, coupling=coupling)
+    arm = elastic(slides(tmp_path), joint_stiffness=(1.9e5, 1e5), joint_damping=(50.4, across))
     approach = arm.along((0.0, 0.0), (0.0, 0.0, 1.0), 0.25)
     assert arm.units == ("m", "m")
     chain = replace(scene, robot=ig.Robot(5.225, 1.9e5, 50.4), object=ig.Object(0.25, 0.1 + sagging * 9.80665 / 1.9e5))

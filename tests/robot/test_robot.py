@@ -13,7 +13,6 @@ from solver_scenes import MOTION, scene
 
 import impact_gym as ig
 from impact_gym.robot import IMPACT, approach, default_approach, viper
-from impact_gym.robot.arm import MAX_CONDITION
 
 DATA = json.loads(Path(__file__).with_name("viper_s650.json").read_text(encoding="utf-8"))
 KINEMATICS, LINKS = DATA["kinematics"], DATA["inertia"]["links"]
@@ -39,12 +38,6 @@ def point_jacobian(angles, point, link):
         axis = frame[:3, "xyz".index(KINEMATICS["urdf_joint_axes"][joint])]
         columns[:, joint] = np.concatenate([np.cross(axis, point - frame[:3, 3]), axis])
     return columns
-
-
-def condition(angles):
-    J = point_jacobian(angles, frames(angles)[-1][:3, 3], 6)
-    J[3:] *= KINEMATICS["link_lengths_m"]["a2"]
-    return np.linalg.cond(J)
 
 
 def bodies(angles):
@@ -84,10 +77,12 @@ def test_flange_jacobian_and_mass_matrix_are_the_chains(arm):
     for angles in SOME_ANGLES:
         (position, rotation), M = arm.flange(angles), arm.mass_matrix(angles)
         assert_equal(np.column_stack([rotation, position]), frames(angles)[-1][:3], 1e-14)
-        assert_equal(arm.jacobian(angles), point_jacobian(angles, position, 6), 1e-14)
+        J = point_jacobian(angles, position, 6)
+        assert_equal(arm.jacobian(angles), J, 1e-14)
         assert_equal(M, mass_matrix(angles), 1e-12)
         assert np.array_equal(M, M.T)
-        assert arm.condition(angles) == pytest.approx(condition(angles), rel=1e-9)
+        J[3:] *= KINEMATICS["link_lengths_m"]["a2"]
+        assert arm.condition(angles) == pytest.approx(np.linalg.cond(J), rel=1e-9)
     assert np.array_equal([arm.lower, arm.upper], [LOWER, UPPER])
 
 
@@ -107,8 +102,6 @@ def test_reduction_along_x_follows_from_energy_and_force(arm):
             "effective_stiffness": 1 / (J[0] @ (torques / K)),
             "composite": composite_mass(angles),
         }, rel=1e-12)  # fmt: skip
-        assert ours["effective"] <= ours["held"]
-        assert ours["effective_stiffness"] <= ours["stiffness"]
 
 
 def test_tool_may_point_down(arm):
@@ -126,7 +119,6 @@ def test_default_approach_is_straight_and_has_the_papers_mass():
     for travel, angles in zip(SHIPPED.position, SHIPPED.joint_angles, strict=True):
         place = np.add(SHIPPED.start, (travel, 0.0, 0.0))
         assert_equal(frames(angles)[-1][:3], np.column_stack([FORWARD, place]), 1e-10)
-        assert condition(angles) < MAX_CONDITION
 
 
 def test_shipped_table_is_reproduced_with_all_its_digits(arm, tmp_path):

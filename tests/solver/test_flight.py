@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from impact_gym.kernels import free_decay
 from kernel_access import kernels
 from scipy.linalg import expm
 from solver_scenes import random_mechanism, stored_energy
@@ -48,59 +47,42 @@ def state_of(record):
     return np.array([*record[[*STATE]][0].tolist(), 1.0])
 
 
-@pytest.mark.parametrize("damping_ratio", DAMPING_RATIOS)
-def test_free_decay_is_the_matrix_exponential(damping_ratio):
-    change = math.sqrt(1e-3 / max(abs(damping_ratio**2 - 1), 1e-9))  # here the formula changes: no jump there
-    for angle in (1e-6, 1e-2, 0.03162, 0.5, 3.0, 40.0, change * (1 - 1e-12), change * (1 + 1e-12)):
-        exact = expm(np.array([[0.0, 1.0], [-1.0, -2 * damping_ratio]]) * angle)  # in units of the frequency
-        for position, velocity in np.eye(2):
-            end = free_decay(FREQUENCY, damping_ratio, position, FREQUENCY * velocity, angle / FREQUENCY)
-            assert [end[0], end[1] / FREQUENCY] == pytest.approx(exact @ [position, velocity], rel=1e-12, abs=1e-14)
-
-
 @pytest.mark.parametrize("damping_ratio", [None, *DAMPING_RATIOS], ids=str)  # None: a rigid coupling
 def test_drift_under_an_acceleration_is_the_matrix_exponential(damping_ratio):
-    law, flight, of_spring = law_of(ig.Rigid()), chain(deflection=0.0, deflection_rate=0.0), ()
-    if damping_ratio is not None:
-        law, flight, of_spring = spring(FREQUENCY, damping_ratio), chain(), (FREQUENCY, damping_ratio)
-    start, times = state_of(flight), (0.07, 0.04)
-    for time in times:
+    law, of_spring, still = spring(FREQUENCY, damping_ratio or 0.0), (FREQUENCY, damping_ratio), {"deflection": 1.0}
+    if damping_ratio is None:
+        law, of_spring, still = law_of(ig.Rigid()), (), {"deflection": 0.0, "deflection_rate": 0.0}
+    change = math.sqrt(1e-3 / max(abs((damping_ratio or 0.0) ** 2 - 1), 1e-9))  # here the formula changes
+    for angle in (1e-6, 1e-2, 0.03162, 0.5, 3.0, 40.0, change * (1 - 1e-12), change * (1 + 1e-12)):
+        flight, time = chain(**still), angle / FREQUENCY
+        exact = expm(equations(8.0, *of_spring) * time) @ state_of(flight)
         kernels().drift_once(law, flight, 8.0, time)
-    exact = expm(equations(8.0, *of_spring) * sum(times)) @ start
-    assert state_of(flight) == pytest.approx(exact, rel=1e-11, abs=1e-12)
-    assert flight["time"] == pytest.approx(sum(times), rel=1e-12)
-
-
-SAMPLES = 600  # of a path; the fastest oscillation has 19 in a period
-
-
-def random_flight(random):
-    """Law, acceleration, record, equations, length of a step (s) and sampled states of a random flight."""
-    frequency, (light, heavy, beyond) = 10 ** random.uniform(1, 2.5), random.uniform([0, 0.2, 1.02], [0.2, 0.98, 4])
-    of_spring = frequency, random.choice([0.0, light, heavy, 1.0, beyond])
-    acceleration, closing, y_dot = random.choice([0.0, random.uniform(-20, 20)]), *random.uniform([-0.5, -1], [1, 1])
-    y, law = random.uniform(-1.0, 1.0) / frequency, spring(*of_spring)
-    if random.random() < 0.2:
-        y, y_dot, law, of_spring = 0.0, 0.0, law_of(ig.Rigid()), ()
-    gap = 10 ** random.uniform(-5, -1)
-    if random.random() < 0.5:
-        gap = 0.0
-        if closing + y_dot > 0:  # bodies that touch at the start separate
-            closing = -y_dot - random.uniform(0, 0.5)
-    record = chain(flange_velocity=closing + 0.3, deflection=y, deflection_rate=y_dot, gap=gap, object_velocity=0.3)
-    matrix, h = equations(acceleration, *of_spring), random.uniform(0.01, 0.6) / SAMPLES
-    states, step = [state_of(record)], expm(matrix * h)
-    for _ in range(SAMPLES):
-        states.append(step @ states[-1])
-    return law, float(acceleration), record, matrix, h, np.array(states)
+        assert state_of(flight) == pytest.approx(exact, rel=1e-12, abs=1e-14)
+        assert flight["time"] == pytest.approx(time, rel=1e-12)
 
 
 def test_first_touch_of_a_random_flight_is_on_its_path():
-    random, touches = np.random.default_rng(3), 0
+    random, touches, samples = np.random.default_rng(3), 0, 600  # the fastest oscillation has 19 in a period
     for _ in range(500):
-        law, acceleration, record, matrix, h, states = random_flight(random)
-        touch = kernels().first_touch(law, record, acceleration, SAMPLES * h)
-        inside = np.flatnonzero(states[1:, 4] > 1e-15)
+        frequency, (light, heavy, beyond) = 10 ** random.uniform(1, 2.5), random.uniform([0, 0.2, 1.02], [0.2, 0.98, 4])
+        of_spring = frequency, random.choice([0.0, light, heavy, 1.0, beyond])
+        acceleration = random.choice([0.0, random.uniform(-20, 20)])
+        closing, y_dot = random.uniform([-0.5, -1], [1, 1])
+        y, law = random.uniform(-1.0, 1.0) / frequency, spring(*of_spring)
+        if random.random() < 0.2:
+            y, y_dot, law, of_spring = 0.0, 0.0, law_of(ig.Rigid()), ()
+        gap = 10 ** random.uniform(-5, -1)
+        if random.random() < 0.5:
+            gap = 0.0
+            if closing + y_dot > 0:  # bodies that touch at the start separate
+                closing = -y_dot - random.uniform(0, 0.5)
+        record = chain(flange_velocity=closing + 0.3, deflection=y, deflection_rate=y_dot, gap=gap, object_velocity=0.3)
+        matrix, h = equations(acceleration, *of_spring), random.uniform(0.01, 0.6) / samples
+        states, step = [state_of(record)], expm(matrix * h)
+        for _ in range(samples):
+            states.append(step @ states[-1])
+        touch = kernels().first_touch(law, record, float(acceleration), samples * h)
+        inside = np.flatnonzero(np.array(states)[1:, 4] > 1e-15)
         assert touch <= (h * (inside[0] + 1) if len(inside) else math.inf)
         if math.isfinite(touch):
             touches += 1

@@ -89,7 +89,6 @@ def test_object_slides_as_far_as_its_last_speed_allows_and_rests(coupling, frict
     halt = last.end + last.object_velocity / (friction * GRAVITY)
     assert not trace.object_velocity[trace.time > halt + 1e-9].any()
     assert outcome.object_velocity == 0.0
-    assert outcome.rest_time >= halt * (1 - 1e-12)
 
 
 def test_rest_time_is_the_latest_of_flange_object_and_tool():
@@ -114,13 +113,3 @@ def test_force_moves_the_object_only_above_its_friction():
             assert outcome.slide == pytest.approx(0.0, abs=1e-14)
             assert outcome.contacts[-1].end is None  # all bodies rest, under force
             assert outcome.rest_time < 3.0
-
-
-def test_fixed_damping_has_its_restitution_at_one_velocity_only():
-    delivered = []
-    for speed in (0.05, 0.2, 0.8):
-        fixed = scene(1e5, 0.4, dissipation="fixed", reference_velocity=0.2)
-        contact = ig.simulate(fixed, ig.Trapezoid(speed, 50.0), duration=1.0 + 0.3 / speed, rtol=1e-10).contacts[0]
-        delivered.append(contact.separation_velocity / contact.approach_velocity)
-    assert delivered[0] > delivered[1] > delivered[2]
-    assert delivered[1] == pytest.approx(0.4, rel=1e-8)

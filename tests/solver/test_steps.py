@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from kernel_access import kernels
 from scipy.integrate import solve_ivp
+from solver_scenes import TABLE
 
 import impact_gym as ig
 from impact_gym.to_kernel import approach_to_kernel
 
-TABLE = ig.RobotTable([0.0, 0.1, 0.2, 0.3, 0.5], [3, 4, 5, 4, 6], [1e4, 2e4, 3e4, 2e4, 2e4], [10, 20, 30, 20, 20])
 COUPLINGS = {"rigid": ig.Rigid(), "spring": ig.SpringDamper(150.0, 0.4), "bistable": ig.Bistable()}
 ROBOTS = {"": None, " on a robot": ig.Robot(5, 1e5, 100), " on a table": TABLE}
 WIDTHS = {"rigid": 4, "spring": 7, "rigid on a robot": 7}  # of scaled states; of all others 10
