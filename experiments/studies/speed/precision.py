@@ -50,7 +50,7 @@ def cheapest(rows: pl.DataFrame, contender: str, error: float) -> float | str:
     rows = rows.filter(pl.col("contender").is_in(CONTENDERS[contender])).sort("setting")
     keeps = (pl.col("velocity_error") <= error).fill_null(value=False).cast(pl.Int8).cum_min().over("contender") == 1
     times = rows.filter(keeps)["microseconds"].to_list()
-    return min(times) if times else "; ".join(filter(None, rows["failure"].unique())) or "not reached"
+    return min(times) if times else "; ".join(sorted({*rows["failure"]} - {"", None})) or "not reached"
 
 
 def table_of(times: pl.DataFrame, error: float) -> Table:
