@@ -41,11 +41,13 @@ endef
 report: $(SMALL)  ## compare the policies and baselines of four set-ups, or of SETUPS="...", in reports/latest/index.html
 	$(BIN)/impact-gym report $(SETUPS) $(if $(FORCE),--force)
 
-results: setup  ## make docs/results again, in a night on two cores; repeat it to continue
+# on two cores: paper 10 s, speed 12 min, stability 10 min, teleop 5 min, report 15 min, stock 3 h
+results: setup  ## make docs/results and the numbers on pages again, in about 4 h on two cores; repeat it to continue
 	@set -- "study paper" "study speed" "study stability" "study teleop" "report $(SETUPS_OF_RESULTS)" "study stock"; \
 	for each; do shift; begun=$$(date +%s); echo "impact-gym $$each --results docs/results"; \
 		$(BIN)/impact-gym $$each --results docs/results || exit; \
 		echo "took $$(( ($$(date +%s) - begun) / 60 )) min"; [ $$# = 0 ] || printf "left: impact-gym %s\n" "$$@"; done
+	$(BIN)/python docs/generated.py
 
 play: $(PLAYED)  ## steer the tool in the browser, SETUP=teleop-spring ASSIST=none
 	$(BIN)/impact-gym play $(SETUP) $(if $(ASSIST),--assist $(ASSIST))

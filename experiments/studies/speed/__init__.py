@@ -26,10 +26,8 @@ STUDY = Study(
             failed=lambda _: {"contender": OURS, "setting": precision.FINE},
         ),
         # processes=0, because other processes are limited to one thread
-        Measurement(
-            "cost", lambda quick, _: [Cell({"case": case}, {"case": case, "quick": quick}) for case in rates.cases()],
-            rates.cost, ("impact_gym", "agents.setups", "experiments.lab.scenes"), processes=0,
-        ),
+        Measurement("cost", lambda quick, _: [Cell({}, {"quick": quick})], rates.cost,
+                    ("impact_gym", "agents.setups", "experiments.lab.scenes"), processes=0),
         Measurement("environments", lambda quick, _: [Cell({}, {"quick": quick})], rates.stepped,
                     ("impact_gym", "agents"), processes=0),
         Measurement(
