@@ -27,7 +27,7 @@ from impact_gym.task import Task
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCK = re.compile(r"^```(\w*)(?: title=\"(.+?)\")?\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 EXAMPLES = ROOT / "docs" / "examples"
-LISTED = {file.read_text() for file in EXAMPLES.glob("*.py") if file.stem != "vector_loop"}
+LISTED = {file.read_text() for file in EXAMPLES.glob("*.py")}
 """Listings that a command on a page or another test runs."""
 SLOW = {*MODULES.values(), "experiments.loop"} - {MODULES["check"], MODULES["policies"]}
 """Modules that run for minutes, which have tests of their own."""
