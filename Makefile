@@ -7,10 +7,12 @@ CORE := $(VENV)/installed-for-core
 PLAYED := $(VENV)/installed-for-play
 EXTRAS := train report play data identify robot render zoo objectives cluster docs test dev
 PINS := -c constraints.txt  # PINS= takes the newest version of each package
+SETUPS_OF_RESULTS := linear-blind linear-ranged bistable-blind paper-limits linear-sensed linear-robust ranged-robust \
+	linear-wide teleop-rigid teleop-spring teleop-bistable teleop-hurried
 PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal
 
 .DEFAULT_GOAL := help
-.PHONY: help report play test core setup lint docs coverage mutants publish
+.PHONY: help report results play test core setup lint docs coverage mutants publish
 
 help:  ## list what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-9s %s\n", $$1, $$2}'
@@ -38,6 +40,14 @@ endef
 
 report: $(SMALL)  ## compare the policies and baselines of four set-ups, or of SETUPS="...", in reports/latest/index.html
 	$(BIN)/impact-gym report $(SETUPS) $(if $(FORCE),--force)
+
+# on two cores: paper 10 s, speed 12 min, stability 10 min, teleop 5 min, report 15 min, stock 3 h
+results: setup  ## make docs/results and the numbers on pages again, in about 4 h on two cores; repeat it to continue
+	@set -- "study paper" "study speed" "study stability" "study teleop" "report $(SETUPS_OF_RESULTS)" "study stock"; \
+	for each; do shift; begun=$$(date +%s); echo "impact-gym $$each --results docs/results"; \
+		$(BIN)/impact-gym $$each --results docs/results || exit; \
+		echo "took $$(( ($$(date +%s) - begun) / 60 )) min"; [ $$# = 0 ] || printf "left: impact-gym %s\n" "$$@"; done
+	$(BIN)/python docs/generated.py
 
 play: $(PLAYED)  ## steer the tool in the browser, SETUP=teleop-spring ASSIST=none
 	$(BIN)/impact-gym play $(SETUP) $(if $(ASSIST),--assist $(ASSIST))

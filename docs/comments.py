@@ -1,6 +1,8 @@
-"""Extension for the API reference: an attribute without docstring gets the comment on its line as docstring."""
+"""Extension for the reference: comments as docstrings of attributes, and tables in the docstrings of environments."""
 
+import inspect
 import re
+from pkgutil import resolve_name
 from typing import Any
 
 import griffe
@@ -15,3 +17,8 @@ class Comments(griffe.Extension):
             found = re.search(r"\s# (?!type:|noqa)(.+)$", attr.lines[-1])
             if found:
                 attr.docstring = griffe.Docstring(found[1], parent=attr, lineno=attr.lineno)
+
+    def on_class(self, *, cls: griffe.Class, **_: Any) -> None:
+        """Take the docstring of the imported class: it has tables in place of words such as OBSERVATION_TABLE."""
+        if cls.docstring is not None and "_TABLE" in cls.docstring.value:
+            cls.docstring.value = inspect.cleandoc(resolve_name(cls.path).__doc__)

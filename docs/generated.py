@@ -31,14 +31,11 @@ from agents.setups import load_setup, shipped
 from experiments.lab import results
 from impact_gym.envs import IDS
 from impact_gym.envs.single import ImpactApproachEnv
-from impact_gym.envs.teleop import ImpactTeleopEnv
 from impact_gym.physics.dissipation import PUBLISHED, effective_restitution
-from impact_gym.quantities import SCENARIO
-from impact_gym.task.scenario import NAMED
 
 DOCS = Path(__file__).parent
 REGION = re.compile(r"(<!-- (generated|results): (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
-NUMBER = re.compile(r"(<!-- (cell|interval): ([^|]+?) \| ([^|]+?) \| (.+?) -->).*?(<!-- end -->)")
+NUMBER = re.compile(r"(<!-- (cell|interval): ([^|]+?) \\?\| ([^|]+?) \\?\| (.+?) -->).*?(<!-- end -->)")
 GREY, BLUE, ORANGE, GREEN = "#808080", "#0072B2", "#D55E00", "#009E73"  # legible on a light and on a dark page
 STYLE = {
     "axes.edgecolor": GREY, "axes.labelcolor": GREY, "xtick.color": GREY, "ytick.color": GREY, "text.color": GREY,
@@ -56,8 +53,8 @@ def filled(markdown: str) -> str:
         return f"{opening}\n{text}\n\n{end}"
 
     def number(found: re.Match[str]) -> str:
-        opening, kind, *place, end = found.groups()
-        text = results.cell(*place)
+        opening, kind, name, row, column, end = found.groups()
+        text = results.cell(name, row, column)
         return opening + (text if kind == "interval" else text.partition(" [")[0]) + end
 
     return NUMBER.sub(number, REGION.sub(region, markdown))
@@ -114,13 +111,6 @@ def environment() -> str:
     return inspect.cleandoc(ImpactApproachEnv.__doc__ or "").split("\n\n", 1)[1]
 
 
-def teleop() -> str:
-    """Return the docstring of `ImpactTeleopEnv` without first paragraph and table rows that `ImpactApproachEnv` has."""
-    text = inspect.cleandoc(ImpactTeleopEnv.__doc__ or "").split("\n\n", 1)[1]
-    shared = re.compile(r"^\| (?:\d|then) (?=(?:.*\|){6}$)(?!.*only with `operator`).*\n", re.MULTILINE)
-    return shared.sub("", text)
-
-
 def ids() -> str:
     """Return the table of the ids of environments."""
     rows = []
@@ -129,16 +119,6 @@ def ids() -> str:
         given = ", ".join(f"`{key}={value!r}`" for key, value in arguments.items()) or "defaults"
         rows.append([f"`{name}`", given, str(space.shape[0]) if isinstance(space, Box) else ""])
     return table("Id|Arguments|Numbers observed", rows)
-
-
-def sets() -> str:
-    """Return the table of the named scenario sets, with the range of each quantity."""
-    head = "Set|" + "|".join(f"`{row.id}` ({row.unit})" for row in SCENARIO)
-    rows = [
-        [f"`{name}`", *(f"{low:g} to {high:g}" for low, high in ranges.by_id().values())]
-        for name, ranges in NAMED.items()
-    ]
-    return table(head, rows)
 
 
 def laws() -> str:
@@ -256,7 +236,7 @@ def contact() -> bytes:
 
 
 TEXTS: dict[str, Callable[[], str]] = {
-    "environment": environment, "teleop": teleop, "ids": ids, "sets": sets, "setups": setups, "materials": materials,
+    "environment": environment, "ids": ids, "setups": setups, "materials": materials,
     "laws": laws,
 }  # fmt: skip
 

@@ -29,7 +29,9 @@ COMMANDS: Mapping[str, Mapping[str, Command]] = {
         ),
         "report": Command("experiments.report", ("report",), "write a page that compares policies and baselines"),
         "export": Command("agents.export", ("train",), "write a controller as C code, and a policy also as ONNX"),
-        "policies": Command("experiments.policies", (), "print the purpose, failures and results of each policy"),
+        "policies": Command(
+            "experiments.policies", ("report",), "print the purpose, failures and results of each policy"
+        ),
         "play": Command("experiments.play", ("play",), "steer the tool in the browser, with or without assistance"),
         "identify": Command("impact_gym.identify", (), "fit mass, stiffness and restitution to measured blows"),
         "design": Command(

@@ -13,6 +13,7 @@ from agents.command_line import command_of, run_command
 from agents.export import __main__ as export
 from agents.setups import Setup, load_setup
 from agents.train import __main__ as train
+from experiments.lab.study import last_run
 from experiments.report import __main__ as report
 from experiments.report.matchups import PAPER, RULE
 from impact_gym.files import write_file
@@ -89,7 +90,7 @@ def stages(copy: Path, options: ControllerOptions) -> dict[str, tuple[Callable[[
 def exporting(copy: Path, options: ControllerOptions) -> export.Export:
     """Return the options for the export of the controller that the report recommends, or of all controllers."""
     out = options.out
-    best = report.results_of(out / "report")["choices"][copy.stem]["controller"]
+    best = last_run(out / "report")["numbers"]["choices"][copy.stem]["controller"]
     files = {name: out / "tuned" / f"{name}.json" for name in load_setup(copy).tuned}
     policy = out / "policies" / f"{copy.stem}.npz"
     source = files.get(best, policy if best.startswith("seed-") else RULE if best == PAPER else best)
@@ -114,7 +115,7 @@ def run(options: ControllerOptions) -> None:
     print(f"$ {command_of('export', last)}", flush=True)
     files = export.run(last)
     print(f"report: {(options.out / 'report' / 'index.html').resolve().as_uri()}")
-    print(report.results_of(options.out / "report")["choices"][copy.stem]["sentence"])
+    print(last_run(options.out / "report")["numbers"]["choices"][copy.stem]["sentence"])
     if not options.all:
         print("the other controllers are not exported: run the same command with --all to export them")
     print(f"files: {', '.join(map(str, files))}")

@@ -1,15 +1,26 @@
 """Print purpose, failures and results of policies: `impact-gym policies [NAME ...]`."""
 
-import argparse
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
+import tyro
 from scipy.stats import t as student
 
-from agents.command_line import command_line
+from agents.command_line import run_command
 from agents.policies import load_ensemble
 from agents.provenance import todays
 from agents.setups import load_setup, shipped
+
+SHIPPED = shipped()
+
+
+@dataclass(frozen=True)
+class PolicyCards:
+    """Print for each policy what it is for, in which conditions it fails, and its results."""
+
+    names: tyro.conf.Positional[tuple[str, ...]] = SHIPPED
+    """Names or files of the policies' set-ups. The default is all shipped policies."""
 
 
 def card(name: str) -> Iterator[str]:
@@ -42,21 +53,12 @@ def _mean(values: Sequence[float]) -> str:
     return f"{middle:.3f} [{middle - wide:.3f}, {middle + wide:.3f}]"
 
 
-def main() -> None:
+def show(options: PolicyCards) -> None:
     """Print the lines about each policy."""
-    parser = argparse.ArgumentParser(
-        prog="impact-gym policies",
-        description="Print for each policy what it is for, in which conditions it fails, and its results.",
-    )
-    parser.add_argument(
-        "names", nargs="*", metavar="NAME", help="name or file of a policy's set-up; default: all shipped policies"
-    )
-    names = parser.parse_args().names or shipped()
-    with command_line("policies"):
-        for name in names:
-            print(*card(name), sep="\n")
+    for name in options.names:
+        print(*card(name), sep="\n")
     print('to play a policy: load_policy("NAME"), impact-gym report NAME; for an arm: impact-gym export NAME --out DIR')
 
 
 if __name__ == "__main__":
-    main()
+    run_command("policies", PolicyCards, show)

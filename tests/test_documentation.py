@@ -14,22 +14,20 @@ import shlex
 import subprocess
 import sys
 import tomllib
-from pathlib import Path
 from pkgutil import resolve_name
 
 import pytest
-from printed_commands import MODULES, read_options, read_printed, run_python
+from printed_commands import FILE, MODULES, ROOT, read_options, read_printed, run_python
 
 from agents.policies import SHIPPED
 from agents.setups import feasible, load_setup
 from experiments import policies
 from impact_gym.task import Task
 
-ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCK = re.compile(r"^```(\w*)(?: title=\"(.+?)\")?\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 EXAMPLES = ROOT / "docs" / "examples"
-LISTED = {file.read_text() for file in EXAMPLES.glob("*.py") if file.stem != "vector_loop"}
+LISTED = {file.read_text() for file in EXAMPLES.glob("*.py")}
 """Listings that a command on a page or another test runs."""
 SLOW = {*MODULES.values(), "experiments.loop"} - {MODULES["check"], MODULES["policies"]}
 """Modules that run for minutes, which have tests of their own."""
@@ -94,13 +92,11 @@ def test_examples_of_a_page_run_and_print_what_it_shows(page, tmp_path, monkeypa
             assert tomllib.loads(code) if language == "toml" else language == "diff", where
 
 
-PRINTED = {
-    *(command for page in PAGES for earlier, command in re.findall(
-        r"(8fc14f9 \W*(?:with\s+)?)?`(impact-gym [a-z][^`]*)`", page.read_text()) if not earlier),
+PRINTED = {  # commands in texts and on cards
+    *(command for page in PAGES for command in re.findall("`(impact-gym [a-z][^`]*)`", page.read_text())),
     *(command for path in SHIPPED.glob("*.npz") for command in re.findall(
         r"made by: (impact-gym [^(]*)", "\n".join(policies.card(path.stem)))),
 }  # fmt: skip
-"""Commands in texts and on cards, except those of an earlier commit."""
 
 
 @pytest.mark.parametrize("command", sorted(PRINTED))
@@ -112,9 +108,14 @@ def test_generated_parts_of_pages_are_current():
     for package in ("latex2mathml", "pygame"):
         pytest.importorskip(package, reason="the extra docs is not installed")
     filled = runpy.run_path(str(ROOT / "docs/generated.py"))["filled"]
-    written = [page for page in PAGES if "<!-- generated: " in page.read_text()]
-    assert len(written) > 4
-    assert [page for page in written if filled(page.read_text()) != page.read_text()] == [], "run docs/generated.py"
+    assert [page for page in PAGES if filled(page.read_text()) != page.read_text()] == [], "run docs/generated.py"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_page_names_files_that_exist_and_no_commit(page):
+    text = page.read_text()
+    assert [name for name in FILE.findall(text) if not (ROOT / name).exists()] == []
+    assert re.findall(r"(?i)\bcommits? `?(?=[0-9a-f]*\d)[0-9a-f]{7,40}\b|\bnot kept\b", text) == []
 
 
 def test_notebook_prints_the_outputs_that_it_contains(capsys):

@@ -1,7 +1,7 @@
-"""The paper's scenes by our solver and the independent one: 'Printed numbers and ours' in docs/provenance.md.
+"""The paper's scenes by our solver and the independent one, with V_p computed once by the independent one.
 
 The paper prints the speed of 1 m/s, the detection, and each scene's masses, stiffnesses and restitution. We identified
-distance, acceleration and stops. tests/experiments/test_paper_study.py compares them with the text.
+distance, acceleration and stops (docs/provenance.md). The study `paper` compares these scenes with the text.
 """
 
 import pytest

@@ -3,13 +3,13 @@
 from agents.command_line import command_of, run_command
 from experiments.design.options import DesignOptions, write_setup
 from experiments.design.study import Search, study_of
-from experiments.lab.study import Run, StudyOptions
+from experiments.lab.study import StudyOptions, StudyRun
 
 
 def design(options: DesignOptions) -> None:
     """Search for designs; write the chosen design as a set-up file, and all results as a page."""
     checked, command = options.checked(), command_of("design", options)
-    run = Run(study_of(checked), StudyOptions(checked.out, processes=checked.processes), command)
+    run = StudyRun(study_of(checked), StudyOptions(checked.out, processes=checked.processes), command)
     page = run.write()
     search = Search(checked)
     chosen = search.candidate(search.chosen(run))

@@ -57,7 +57,7 @@ def reduction(line: pl.DataFrame, paper: pl.DataFrame) -> Estimate:
     """Return 1 - V_p(`line`) / V_p(`paper`) at the mean approach time of `paper`, which is the paper's rule."""
     resamples = Resamples(len(paper))
     ours, theirs = (
-        grid.front(rows.rename({"allowed": "weight"}).with_row_index("episode"), resamples) for rows in (line, paper)
+        grid.front_of(rows.rename({"allowed": "weight"}).with_row_index("episode"), resamples) for rows in (line, paper)
     )
     return Comparison.of_fronts(ours, theirs).reduction
 

@@ -8,7 +8,7 @@ import polars as pl
 
 from agents.evaluate import play as jobs
 from agents.evaluate.scenario_batch import MEASURED
-from experiments.lab.statistics import Floats, Front, Resamples
+from experiments.lab.statistics import Floats, Front, Resamples, front
 from experiments.lab.study import Cell, Row
 from impact_gym.task.scenario import FIELDS
 from impact_gym.task.task import MISSED_COST
@@ -54,14 +54,14 @@ def sample(frame: pl.DataFrame, name: str) -> Floats:
     return ordered[name].to_numpy().astype(np.float64).reshape(ordered["seed"].n_unique(), -1)
 
 
-def front(frame: pl.DataFrame, resamples: Resamples) -> Front:
-    """Return the `Front` of one contestant in one environment."""
+def front_of(frame: pl.DataFrame, resamples: Resamples) -> Front:
+    """Return the front of one contestant in one environment."""
     each = [rows for _, rows in groups(frame.sort("weight"), "weight")]
-    times, velocities = (
-        np.stack([resamples.means(sample(rows, name)) for rows in each], axis=1)
-        for name in ("approach_time", "object_velocity")
+    times, velocities, missed = (
+        np.stack([sample(rows, name) for rows in each], axis=1)
+        for name in ("approach_time", "object_velocity", "missed")
     )
-    return times, velocities
+    return front(resamples, times, velocities, missed.astype(np.bool_))
 
 
 def missed_cost(environment: Mapping[str, Any]) -> float:

@@ -11,7 +11,7 @@ from markupsafe import Markup, escape
 
 from experiments.lab import charts, player
 from experiments.lab.charts import POWER, SYMBOL
-from experiments.lab.parts import HeatMap, Picture, Table
+from experiments.lab.parts import HeatMap, Picture, Table, Terms
 from impact_gym.files import write_file
 
 EXPERIMENTS = Path(__file__).parents[1]
@@ -30,14 +30,14 @@ def typeset(text: str) -> Markup:
 
 
 MACROS: Mapping[type, str] = {  # the macro in lab/parts.html.jinja for each type of part
-    str: "paragraph", Markup: "markup", Table: "table", HeatMap: "heat_map", Picture: "picture"
+    str: "paragraph", Markup: "markup", Table: "table", HeatMap: "heat_map", Picture: "picture", Terms: "terms"
 }  # fmt: skip
 
 
-def write(folder: Path, template: str, **content: Any) -> Path:
-    """Write `folder`/index.html from a template below experiments/, and return the path of the page.
+def write(folder: Path, **content: Any) -> Path:
+    """Write `folder`/index.html, and return the path of the page.
 
-    The template can use `content` by its names (`runs` must be a list in it), filter `typeset`, module `player`.
+    The template lab/page.html.jinja uses `content` by its names, filter `typeset` and module `player`.
     `image(picture)` writes `folder`/NAME.svg and returns a URI; `macro_name(part)` returns the name of a part's macro.
     """
 
@@ -48,5 +48,5 @@ def write(folder: Path, template: str, **content: Any) -> Path:
     pages = Environment(loader=FileSystemLoader(EXPERIMENTS), autoescape=True, undefined=StrictUndefined)
     pages.filters["typeset"] = typeset
     pages.globals |= {"image": image, "macro_name": lambda part: MACROS[type(part)], "player": player}
-    text = pages.get_template(template).render(**content)
+    text = pages.get_template("lab/page.html.jinja").render(**content)
     return write_file(folder / "index.html", text.encode(errors="replace"))

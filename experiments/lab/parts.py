@@ -1,12 +1,13 @@
-"""Parts of pages: sections of paragraphs, tables, heat maps and pictures."""
+"""Parts of pages: sections of paragraphs, tables, heat maps, pictures and terms; tabs."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import polars as pl
+from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from experiments.lab.statistics import Estimate
@@ -32,6 +33,12 @@ class Table:
         rows = frame.to_dicts() if isinstance(frame, pl.DataFrame) else frame
         body = [[form.format(**row) for form in columns.values()] for row in rows]
         return cls(caption, tuple(columns), body, results)
+
+    @classmethod
+    def joined(cls, caption: str, rows: Sequence[Mapping[str, str]], results: str = "") -> "Table":
+        """Return a table of rows that map headings to texts; a row without a heading has an empty cell."""
+        head = [*dict.fromkeys(heading for row in rows for heading in row)]
+        return cls(caption, head, [[row.get(heading, "") for heading in head] for row in rows], results)
 
     @cached_property  # a page asks for it in every cell
     def classes(self) -> list[str]:
@@ -73,17 +80,45 @@ class Picture:
     wide: bool = True  # whether the picture is alone in its row
 
 
+class Terms(dict[str, str]):
+    """Words, each with its explanation."""
+
+
 @dataclass(frozen=True)
 class Section:
-    """A heading, and below it paragraphs (str), tables, heat maps and pictures."""
+    """A heading, and below it paragraphs (str), tables, heat maps, pictures, terms and further sections."""
 
     heading: str
     parts: Sequence[Any]
     folded: bool = False
-    key: str = ""  # HTML id of the section
+    key: str = ""  # HTML id of the section, in a tab followed by "-" and the name of the tab
+
+
+@dataclass(frozen=True)
+class Tab:
+    """A part of a page that is shown alone; the reader chooses it by its title."""
+
+    name: str  # HTML id of the tab
+    title: str
+    headline: str
+    warning: str  # why the tab is not for decisions; "": it is
+    fails: tuple[str, str, str]  # a controller, where it fails in one line, and details
+    chart: Picture
+    film: Markup
+    sections: Sequence[Section]
 
 
 def percent(share: Estimate, digits: int = 1) -> str:
     """Return a fraction and its interval as text, in percent."""
     value, low, high = (f"{100 * each:.{digits}f}" for each in (share.value, share.low, share.high))
     return f"{value} % [{low}, {high}]"
+
+
+def tables_of(sections: Iterable[Section]) -> Iterator[Table]:
+    """Yield the tables of sections and of the sections in them."""
+    for section in sections:
+        for part in section.parts:
+            if isinstance(part, Table):
+                yield part
+            elif isinstance(part, Section):
+                yield from tables_of([part])

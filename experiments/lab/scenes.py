@@ -27,12 +27,3 @@ def scene(
     """Return a scene with the paper's tool and object; `contact_stiffness` is in N/m^1.5."""
     contact = ig.Contact(contact_stiffness, restitution)
     return ig.Scene(ig.Tool(TOOL_MASS), ig.Object(object_mass, distance), contact, coupling or ig.Rigid(), robot)
-
-
-def simulate_with_trace(
-    approach: ig.Scene, motion: ig.Trapezoid = MOTION, duration: float = DURATION
-) -> tuple[ig.Outcome, ig.Trace]:
-    """Simulate an approach for `duration` (s); return outcome and time histories."""
-    outcome = ig.simulate(approach, motion, duration, trace=True)
-    assert outcome.trace is not None
-    return outcome, outcome.trace

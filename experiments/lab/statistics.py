@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +38,7 @@ class Resamples:
         self.scenarios, self.count = scenarios, resamples
         self._scenario_shares = _shares((0, 0), scenarios, resamples)
 
-    def means(self, values: Floats) -> Floats:
+    def means(self, values: NDArray[Any]) -> Floats:
         """Return means (1 + count, ...) of `values`, shape (seeds, ..., scenarios) or (scenarios,); row 0: the sample.
 
         Seeds are resampled independently of scenarios. Calls with the same number of seeds use the same resamples.
@@ -50,6 +50,11 @@ class Resamples:
         by_seed = flat.reshape(seeds, -1, self.count + 1)
         means = np.einsum("rs,skr->rk", shares, by_seed)
         return means.reshape(self.count + 1, *values.shape[1:-1])
+
+    def means_where(self, values: NDArray[Any], chosen: NDArray[np.bool_]) -> Floats:
+        """Return the means of the `chosen` values, as `means`; nan: none is chosen."""
+        with np.errstate(invalid="ignore"):
+            return self.means(values * chosen) / self.means(chosen)
 
 
 @lru_cache(maxsize=32)
@@ -88,6 +93,14 @@ def along(curve_x: Floats, curve_y: Floats, at: Floats) -> Floats:
     order = np.argsort(curve_x, axis=1)
     x, y = np.take_along_axis(curve_x, order, 1), np.take_along_axis(curve_y, order, 1)
     return np.array([np.interp(point, *line) for point, *line in zip(at, x, y, strict=True)])
+
+
+def front(resamples: Resamples, times: Floats, velocities: Floats, missed: NDArray[np.bool_]) -> Front:
+    """Return the front of arrays (seeds, weights, scenarios): approach times (s), V_p (m/s), and whether it was missed.
+
+    V_p is the mean over the touched objects.
+    """
+    return resamples.means(times), resamples.means_where(velocities, ~missed)
 
 
 @dataclass(frozen=True)

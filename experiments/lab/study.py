@@ -1,29 +1,34 @@
 """Studies: a study has a question, tables of measurements, and an analysis; a run of the study writes a page."""
 
+import hashlib
 import json
 import os
 import shutil
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import polars as pl
 
 from agents.command_line import command_of
 from agents.jobs import cached
-from agents.provenance import circumstances, digest_of
-from experiments.lab import page, results
-from experiments.lab.parts import Section, Table
-from impact_gym.files import whole_file, write_file
+from agents.provenance import circumstances, digest_of, revision
+from impact_gym.files import locked, whole_file, write_file
 from impact_gym.sources import compiled_from
 from impact_gym.validation import whole
+
+if TYPE_CHECKING:
+    from experiments.lab.parts import Section, Tab
 
 Row = Mapping[str, Any]
 Rows = Sequence[Row] | pl.DataFrame
 Frames = Mapping[str, pl.DataFrame]
 KEPT = "kept"  # subfolder of a study's folder, with the results of the study's cells
+RESULTS = "results.json"
+MARK = ".impact_gym"  # lock file; a run writes only to a new or empty folder, or to a folder with this file or KEPT
 LARGE = 50_000  # largest number of rows of a table in CSV; a larger table is written as Parquet
 SOLVER = tuple(  # modules on which the result of `simulate` depends, in addition to the compiled solver
     f"impact_gym.{name}" for name in ("physics", "scene", "motion", "robot", "to_kernel", "outcome", "simulation")
@@ -61,9 +66,11 @@ class Measurement:
 class Findings:
     """Result of a study."""
 
-    answer: str  # one or two sentences
-    sections: Sequence[Section]
+    answer: str  # one or two sentences; with tabs, a line for each
+    sections: Sequence["Section"]
     tables: Frames = field(default_factory=dict)  # tables that were computed from the measured tables
+    tabs: Sequence["Tab"] = ()  # shown before the sections
+    numbers: Mapping[str, Any] = field(default_factory=dict)  # JSON, for programs that read results.json
 
 
 @dataclass(frozen=True)
@@ -75,6 +82,7 @@ class Study:
     measurements: Sequence[Measurement]
     analyse: Callable[[Frames, bool], Findings]  # arguments: the measured tables; whether the run is quick
     packages: tuple[str, ...] = ()  # packages whose versions the page also lists
+    depends: str = ""  # everything else on which the page depends, in addition to the rows and to `experiments.lab`
 
 
 @dataclass(frozen=True)
@@ -108,7 +116,7 @@ class StudyOptions:
             whole("processes", self.processes, at_least=0)
 
 
-class Run(dict[str, pl.DataFrame]):
+class StudyRun(dict[str, pl.DataFrame]):
     """A run of a study, as a dict of the measured tables by name. Reading a missing table measures the table."""
 
     def __init__(self, study: Study, options: StudyOptions, command: str = "") -> None:
@@ -131,7 +139,7 @@ class Run(dict[str, pl.DataFrame]):
         results = cached(
             measurement.measure,
             [cell.arguments for cell in cells],
-            self.folder / KEPT,
+            self._kept(measurement),
             depends=measurement.digest,
             title=name,
             processes=requested if limit is None else limit if requested is None else min(limit, requested),
@@ -141,6 +149,14 @@ class Run(dict[str, pl.DataFrame]):
         )
         self[name] = frame_of(zip((cell.labels for cell in cells), results, strict=True))
         return self[name]
+
+    def _kept(self, measurement: Measurement) -> Path:
+        """Return the folder of a table's kept cells; those of other versions of the sources are deleted."""
+        name = f"{measurement.name}-{hashlib.sha256(measurement.digest.encode()).hexdigest()[:16]}"
+        for folder in (self.folder / KEPT).glob(f"{measurement.name}-*"):
+            if folder.name != name:
+                shutil.rmtree(folder, ignore_errors=True)
+        return self.folder / KEPT / name
 
     def measure(self) -> Findings:
         """Measure the tables in `only`, or all tables if `only` is empty; return their analysis."""
@@ -154,27 +170,74 @@ class Run(dict[str, pl.DataFrame]):
     def write(self) -> Path:
         """Measure missing cells, write tables, figures and the page, and return the path of the page.
 
-        The page and results.json list all runs since the last --force, each with its command, versions, machine, load
-        before the run, and duration in seconds (None: the run did not finish).
+        Nothing is written if the page is up to date. The page and results.json list all runs since the last --force,
+        each with its command, versions, machine, load before the run, answer, numbers, and duration in seconds (None:
+        the run did not finish). ValueError: the folder has other content, or is a file.
         """
-        kept, log = self.folder / KEPT, self.folder / "results.json"
+        page, there = self.folder / "index.html", existing(self.folder)
+        if not there.is_dir():
+            raise ValueError(f"out must be a folder, but {there} is a file")
+        if there == self.folder and any(there.iterdir()) and not {MARK, KEPT} & {path.name for path in there.iterdir()}:
+            raise ValueError(f"out must be a new or empty folder, or the folder of an earlier run, got {there}")
+        made_from = self._made_from()
+        if self.options.force or not page.is_file() or last_run(self.folder).get("made from") != made_from:
+            with locked(self.folder / MARK):
+                self._write(made_from)
+        return page
+
+    def _made_from(self) -> str:
+        """Return a digest of all that determines the page."""
+        cells = list[Sequence[Cell]]()
+        for each in self.study.measurements:
+            with suppress(KeyError):  # cells that depend on another table follow from that table's cells
+                cells.append([*each.cells(self.options.quick, {})])
+        analyse = getattr(self.study.analyse, "func", self.study.analyse)  # it may be a functools.partial
+        sources = digest_of("experiments.lab", analyse.__module__), [each.digest for each in self.study.measurements]
+        inputs = cells, sources, self.study.depends, self.options.only, self.options.results
+        return hashlib.sha256(repr(inputs).encode()).hexdigest()
+
+    def _write(self, made_from: str) -> None:
+        from experiments.lab import page, results
+        from experiments.lab.parts import tables_of
+
         if self.options.force:
-            shutil.rmtree(kept, ignore_errors=True)
-        runs = json.loads(log.read_text())["runs"] if kept.is_dir() and log.is_file() else []
+            shutil.rmtree(self.folder / KEPT, ignore_errors=True)
+        log = self.folder / RESULTS
+        runs = runs_of(self.folder) if (self.folder / KEPT).is_dir() else []
         begun = time.perf_counter()
         record: dict[str, Any] = {"command": self.command, "seconds": None, "load_before": os.getloadavg()[0]}
-        runs.append(record | circumstances("impact-gym", "numpy", "scipy", *self.study.packages))
+        runs.append(record | revision() | circumstances("impact-gym", "numpy", "scipy", *self.study.packages))
         try:
             findings = self.measure()
-            runs[-1]["seconds"] = time.perf_counter() - begun
         finally:
             write_file(log, json.dumps({"runs": runs}, indent=2) + "\n")
+        shutil.rmtree(self.folder / "figures", ignore_errors=True)
         files = [_write_table(self.folder / name, frame) for name, frame in {**self, **findings.tables}.items()]
-        for table in (part for section in findings.sections for part in section.parts if isinstance(part, Table)):
+        for table in tables_of(findings.sections):
             if self.options.results is not None and table.results:
                 results.write(self.options.results, table.results, table, runs[-1])
+        runs[-1] |= {"seconds": time.perf_counter() - begun, "made from": made_from}
+        runs[-1] |= {"answer": findings.answer, "numbers": findings.numbers}
         about: dict[str, Any] = {"question": self.study.question, "findings": findings, "files": files}
-        return page.write(self.folder, "lab/study.html.jinja", runs=runs, quick=self.options.quick, **about)
+        page.write(self.folder, runs=runs, quick=self.options.quick, **about)
+        write_file(log, json.dumps({"runs": runs}, indent=2) + "\n")  # last: its digest says that the page is complete
+
+
+def existing(path: Path) -> Path:
+    """Return `path`, or the nearest folder above it that exists."""
+    return next(each for each in (path, *path.absolute().parents) if each.exists())
+
+
+def runs_of(folder: Path) -> list[dict[str, Any]]:
+    """Return the runs in a folder's results.json; empty if the file is missing, damaged or of another version."""
+    with suppress(OSError, TypeError, ValueError, LookupError):
+        return list(json.loads((folder / RESULTS).read_text())["runs"])
+    return []
+
+
+def last_run(folder: Path) -> dict[str, Any]:
+    """Return the last run in a folder's results.json; empty if there is none."""
+    return dict(next(reversed(runs_of(folder)), {}))
 
 
 def csv_of(frame: pl.DataFrame) -> str:
@@ -186,7 +249,7 @@ def _write_table(path: Path, frame: pl.DataFrame) -> str:
     large = frame.height > LARGE
     file, other = (path.with_suffix(suffix) for suffix in ((".parquet", ".csv") if large else (".csv", ".parquet")))
     with whole_file(file) as stream:
-        frame.write_parquet(stream) if large else stream.write(csv_of(frame).encode())
+        frame.write_parquet(stream, compression="zstd") if large else stream.write(csv_of(frame).encode())
     other.unlink(missing_ok=True)
     return file.name
 
@@ -203,7 +266,8 @@ def frame_of(measured: Iterable[tuple[Row, Rows]]) -> pl.DataFrame:
     return pl.concat(frames, how="diagonal_relaxed") if frames else pl.DataFrame()
 
 
-def run(study: Study, options: StudyOptions) -> None:
-    """Run a study and print the address of its page."""
-    path = Run(study, options, command_of("study", options, None, study.name)).write()
-    print(f"results: {path.resolve().as_uri()}")
+def run(study: Study, options: StudyOptions, command: str = "") -> Path:
+    """Run a study; print its answer and the address of its page, and return the path of the page."""
+    page = StudyRun(study, options, command or command_of("study", options, None, study.name)).write()
+    print(last_run(page.parent)["answer"], f"results: {page.resolve().as_uri()}", sep="\n")
+    return page

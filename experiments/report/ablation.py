@@ -1,8 +1,7 @@
 """Ablation: contestants from the paper's rule to the policy, each with more abilities than the contestant before.
 
-The contestants add in order: the arm's limits (constant speed and accelerations tuned for each weight), the range of
-distances, the shape of the speed profile, the distance estimate, and learning. A gain is the difference in V_p or cost
-from the contestant before; another order could give other gains.
+The contestants are the paper's rule, the tuned baselines, each with an ability of ABILITIES more, and the policy. A
+gain is the difference in V_p or cost from the contestant before; another order could give other gains.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,9 +14,9 @@ import numpy as np
 from agents.baselines import PaperTrapezoid
 from experiments.lab.parts import Table, percent
 from experiments.lab.statistics import Comparison, Estimate, Floats, Front, Resamples, estimate
-from experiments.report.answer import front
+from experiments.report.answer import front_of
+from experiments.report.episodes import MISSED_TOO_OFTEN, Played, Results
 from experiments.report.matchups import BOUND, PAPER, POLICY
-from experiments.report.played import MISSED_TOO_OFTEN, Played, Run
 from impact_gym.task import Task
 
 LIMITS = {(False, False): "", (False, True): "at least ", (True, False): "at most ", (True, True): "about "}
@@ -25,12 +24,25 @@ LIMITS = {(False, False): "", (False, True): "at least ", (True, False): "at mos
 paper's rule at every weight. At the rule's time, V_p of such a contestant would be lower than the V_p reported."""
 
 
+ABILITIES = {  # what the rule of a tuned baseline adds to the rules above it
+    "ConstantSpeed": "the arm's limits",
+    "ConstantDeceleration": "knowing where objects can stand",
+    "BlindProfile": "the profile's shape",
+    "DetectorProfile": "a contact detector",
+    "Ranged": "the estimate",
+    "RangedProfile": "a profile over the estimate",
+    "DetectorRanged": "a contact detector and a profile over the estimate",
+    "FirstReadingProfile": "the first reading of the range sensor",
+    "FilteredProfile": "a filter over all readings",
+}
+
+
 class Link(NamedTuple):
     """A contestant, and the abilities that it adds to those of the contestant before it."""
 
     added: str
     contestant: str
-    runs: Sequence[Run]  # one for each seed
+    runs: Sequence[Results]  # one for each seed
 
 
 @dataclass(frozen=True)
@@ -57,43 +69,50 @@ class Step:
 
 
 def links(played: Played) -> list[Link]:
-    """Return the links in order; an ability without its own baseline is added together with the next ability."""
-    tuned = [baseline for baseline in played.matchup.baselines if "tuned" in baseline.controller]
-    by_rule = {baseline.controller["tuned"]["rule"]: baseline.name for baseline in reversed(tuned)}
-    task = Task(**played.matchup.environment)
+    """Return the links: the paper's rule, all tuned baselines in the order of ABILITIES, and the policy.
+
+    An ability without its own baseline is added together with the next ability. The tuned baseline with the lowest cost
+    comes last, so that learning is compared with the best controller that is not learned.
+    """
+    task, weight = Task(**played.matchup.environment), played.matchup.typical
+    given = {"ConstantSpeed", "ConstantDeceleration", "BlindProfile"}  # abilities without sensors
+    given |= {"Ranged"} if task.range_noise is not None else {"FirstReadingProfile"} if task.range_sensor else set()
+    tuned = {each.name: each.controller["tuned"]["rule"] for each in played.matchup.baselines
+             if "tuned" in each.controller}  # fmt: skip
+    sequence, added = list[Link](), list[str]()
     stronger = task.acceleration_range[1] > PaperTrapezoid()["deceleration"]
-    sources = {"ConstantSpeed": "the arm's limits" if stronger else "the choice of speed"}
-    sources |= {"ConstantDeceleration": "knowing where objects can stand", "BlindProfile": "the profile's shape"}
-    sources |= {} if task.range_noise is None else {"Ranged": "the estimate"}
-    sources |= {"RangedProfile": "a profile over the estimate"} if "RangedProfile" in by_rule else {}
-    sequence, added = [Link("", PAPER, [played.paper])], []
-    for rule, source in sources.items():
-        added.append(source)
-        if rule in by_rule:
-            sequence.append(Link(" and ".join(added), by_rule[rule], [played.baselines[by_rule[rule]]]))
+    abilities = ABILITIES | ({} if stronger else {"ConstantSpeed": "the choice of speed"})
+    for rule, words in abilities.items():
+        added += [words] * (rule in given or rule in tuned.values())
+        for name in (name for name, kind in tuned.items() if kind == rule):
+            sequence.append(Link(" and ".join(added) or name, name, [played.baselines[name]]))
             added = []
-    return [*sequence, Link(" and ".join([*added, "learning"]), POLICY, list(played.seeds.values()))]
+    if sequence and not added:
+        best = min(reversed(sequence), key=lambda link: float(link.runs[0].loss(weight).mean()))
+        sequence = [link for link in sequence if link is not best] + [best]
+    policy = Link(" and ".join([*added, "learning"]), POLICY, list(played.seeds.values()))
+    return [Link("", PAPER, [played.paper]), *sequence, policy]
 
 
 def steps_of(played: Played) -> list[Step]:
     """Return the steps. If a clairvoyant search used the typical weight, it is the last step, on its scenarios."""
     sequence, weight = links(played), played.matchup.typical
     steps = _steps(sequence, played.resamples, weight, policy=len(sequence) - 1)
-    if played.bound is None or weight not in played.bound.weights:
+    if played.searched is None or weight not in played.searched.weights:
         return steps
-    clairvoyant = Link("knowing the object", BOUND, [played.bound])
-    searched = Resamples(played.bound["missed"].shape[1])
+    clairvoyant = Link("knowing the object", BOUND, [played.searched])
+    searched = Resamples(played.searched["missed"].shape[1])
     return [*steps, _steps([sequence[0], sequence[-1], clairvoyant], searched, weight, policy=1)[-1]]
 
 
 def _steps(sequence: Sequence[Link], resamples: Resamples, weight: float, policy: int) -> list[Step]:
     """Return the steps on the first `resamples.scenarios` scenarios; `policy` is the policy's index in `sequence`."""
-    fronts: list[Front] = [front(resamples, link.runs) for link in sequence]
+    fronts: list[Front] = [front_of(link.runs, resamples) for link in sequence]
     time = fronts[0][0][0, 0]  # mean approach time of the paper's rule, s
     later = [float(np.clip(time, times[0].min(), times[0].max()) - time) for times, _ in fronts]
     missed = max(np.mean([run["missed"] for run in link.runs]) for link in sequence)
     claimed = max(later) == later[policy] == 0.0 and missed <= MISSED_TOO_OFTEN
-    velocities = gains([Comparison.of_fronts(front, fronts[0]).ours for front in fronts], policy, claimed)
+    velocities = gains([Comparison.of_fronts(each, fronts[0]).ours for each in fronts], policy, claimed)
     losses = [np.array([run.loss(weight)[: resamples.scenarios] for run in link.runs]) for link in sequence]
     of_losses = gains([resamples.means(loss) for loss in losses], policy)
     sooner = [delay < 0.0 for delay in later]
@@ -137,6 +156,13 @@ def table(steps: Sequence[Step], labels: Mapping[str, str]) -> Table:
 def _cells(gain: Gain, limit: str = "") -> list[str]:
     less = "-" if gain.less is None else f"{limit}{gain.less:.3f}"
     return [f"{gain.value.value:.3f}", less, "-" if gain.share is None else limit + percent(gain.share)]
+
+
+def row(steps: Sequence[Step], played: Played) -> dict[str, str]:
+    """Return the row of a set-up in the table of shares, texts by heading."""
+    shares = {step.added: step.limit + percent(step.velocity.share) for step in steps
+              if step.velocity.share and step.contestant != BOUND}  # fmt: skip
+    return {"set-up": played.matchup.name} | shares
 
 
 def sentence(steps: Sequence[Step]) -> str:

@@ -10,11 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from experiments.lab.parts import percent
-from experiments.lab.statistics import Comparison, Estimate, Floats, Front, Resamples, along, estimate, tolerated
+from experiments.lab.statistics import Comparison, Estimate, Floats, Front, Resamples, along, estimate, front, tolerated
+from experiments.report.episodes import MISSED_TOO_OFTEN, Played, Results
 from experiments.report.matchups import IMITATES, POLICY, Matchup
-from experiments.report.played import MISSED_TOO_OFTEN, Played, Run
-
-FRONT = ("approach_time", "object_velocity")
 
 
 @dataclass(frozen=True)
@@ -30,7 +28,10 @@ class Answer:
     beyond: str  # "slower": all V_p of the front are below V_p of the rule; "faster": all are above; "": neither
     velocity: Estimate  # m/s, V_p of the policy at the paper's time, or at the nearest end of the front, see `reached`
     rival: str  # name of the main baseline if it is tuned, else ""
-    rival_reduction: Estimate | None  # `reduction` of the rival; None: it is untuned, or always later than the rule
+    rival_reduction: Estimate | None  # `reduction` of the rival; None: it is untuned, or never as late as the rule
+    rival_apart: (
+        str  # "later" or "sooner": the rival takes more or less time than the rule at every weight; "": neither
+    )
     improvement: Estimate  # share of scenarios touched with a lower V_p than by the rule, at about its time; ties: half
     missed: int  # missed objects in all episodes (all seeds, all weights)
     episodes: int  # number of these episodes
@@ -40,14 +41,14 @@ def answer(played: Played) -> Answer:
     """Return the answer, with intervals from resampled seeds and scenarios."""
     resamples = played.resamples
     contestants = [played.paper], [*played.seeds.values()], [played.rival]
-    paper, policy, rival = (front(resamples, runs) for runs in contestants)
+    paper, policy, rival = (front_of(runs, resamples) for runs in contestants)
     (times, velocities), time, velocity = policy, paper[0][0, 0], paper[1][0, 0]
     at_time, at_speed = Comparison.of_fronts(policy, paper), Comparison.of_fronts(policy[::-1], paper[::-1])
     tuned = len(played.rival.weights) > 1
-    comparable = tuned and rival[0][0].min() <= time
+    apart = "later" if rival[0][0].min() > time else "sooner" if rival[0][0].max() < time else ""
     nearest = np.clip(time, times[0].min(), times[0].max())
     as_late, missed_then = (
-        np.array([run[name][0] for run in played.as_late.values()]) for name in (FRONT[1], "missed")
+        np.array([run[name][0] for run in played.as_late.values()]) for name in ("object_velocity", "missed")
     )
     rule = played.paper["object_velocity"][0]
     missed = np.array([run["missed"] for run in played.seeds.values()])
@@ -62,7 +63,8 @@ def answer(played: Played) -> Answer:
         beyond="slower" if fastest < velocity else "faster" if slowest > velocity else "",
         velocity=estimate(at_time.ours),
         rival=played.matchup.rival.name if tuned else "",
-        rival_reduction=Comparison.of_fronts(rival, paper).reduction if comparable else None,
+        rival_reduction=Comparison.of_fronts(rival, paper).reduction if tuned and not apart else None,
+        rival_apart=apart if tuned else "",
         improvement=estimate(resamples.means(((as_late < rule) + 0.5 * (as_late == rule)) * ~missed_then)),
         missed=int(missed.sum()),
         episodes=missed.size,
@@ -79,10 +81,10 @@ def _needed(weights: Sequence[float], times: Floats, time: float) -> float:
     return float(np.exp(log)) if abs(log) < np.log(100.0) else np.nan
 
 
-def front(resamples: Resamples, runs: Sequence[Run]) -> Front:
-    """Return the mean front of `runs` (one run for each seed) over the first `resamples.scenarios` scenarios."""
-    times, velocities = (np.array([run[name][:, : resamples.scenarios] for run in runs]) for name in FRONT)
-    return resamples.means(times), resamples.means(velocities)
+def front_of(runs: Sequence[Results], resamples: Resamples) -> Front:
+    """Return the front of the results of each seed, in the first `resamples.scenarios` scenarios."""
+    names = ("approach_time", "object_velocity", "missed")
+    return front(resamples, *(np.array([run[name][:, : resamples.scenarios] for run in runs]) for name in names))
 
 
 def reductions(played: Played) -> Floats:
@@ -92,6 +94,27 @@ def reductions(played: Played) -> Floats:
     if times.min(axis=1).max() > time or times.max(axis=1).min() < time:
         return np.empty(0)
     return 1.0 - along(times, velocities, np.full(len(times), time)) / velocity
+
+
+def row(answer: Answer, played: Played) -> dict[str, str]:
+    """Return the row of a set-up in the table of answers, texts by heading."""
+    (weight,), matchup = played.paper.weights, played.matchup
+    rule, policy = played.paper.means(weight), played.policy.means(matchup.typical)
+    return {
+        "set-up": matchup.name,
+        "mean time of the rule (s)": f"{rule['T']:.3f}",
+        "V_p of the rule (m/s)": f"{rule['V']:.3f}",
+        "V_p of the policy (m/s)": f"{answer.velocity.value:.3f}",
+        "V_p lower with the main baseline by": rival_words(answer),
+        "V_p lower with the policy by": percent(answer.reduction) + " (at the nearest time)" * (not answer.reached),
+        "missed by the rule": f"{rule['missed'] / played.count:.1%}",
+        "missed by the policy": f"{policy['missed'] / played.count:.1%}",
+    }
+
+
+def rival_words(answer: Answer) -> str:
+    """Return `Answer.rival_reduction` in words."""
+    return percent(answer.rival_reduction) if answer.rival_reduction else f"- (always {answer.rival_apart})"
 
 
 def at_least(answer: Answer) -> str:
@@ -120,7 +143,9 @@ def sentence(answer: Answer, matchup: Matchup) -> str:
         text += f"; at the paper's V_p the approach takes {sooner(answer)} time."
     if answer.rival_reduction:
         change = _compared(answer.rival_reduction, "slower", "faster")
-        text += f" With the best tuned baseline, {answer.rival}, the object leaves {change}."
+        text += f" With the main baseline, {answer.rival}, the object leaves {change}."
+    elif answer.rival_apart:
+        text += f" The main baseline, {answer.rival}, {_never(answer)}."
     return begin + text + (f" Missed: {answer.missed} of {answer.episodes:,} objects." if answer.missed else "")
 
 
@@ -138,6 +163,8 @@ def at_rule_time(answer: Answer, played: Played) -> str:
     slower, rival = _less(answer.reduction.value), ""
     if answer.rival_reduction:
         rival = f", with the {played.matchup.rival.plain} {_less(answer.rival_reduction.value)}"
+    elif answer.rival_apart:
+        rival = f"; the {played.matchup.rival.plain} {_never(answer)}"
     if answer.reached:
         text = (
             f"At the mean approach time of the paper's rule the object leaves {slower} with the learned policy{rival}."
@@ -167,6 +194,10 @@ def assisted(played: Played, intervals: bool = False) -> str:
     return (
         f"Slide of the object and time until all is done, at a time weight of {weight:g} m/s per s: {'; '.join(parts)}."
     )
+
+
+def _never(answer: Answer) -> str:
+    return f"is {answer.rival_apart} than the rule at every time weight, so it is not compared at the rule's time"
 
 
 def _less(share: float) -> str:

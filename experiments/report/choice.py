@@ -6,16 +6,11 @@ untuned baselines, tuned baselines by number of parameters, the user's controlle
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
-from agents.evaluate.play import pairs
 from experiments.lab.parts import Table, percent
 from experiments.lab.statistics import Comparison, Estimate, Floats, estimate
+from experiments.report.episodes import Played
 from experiments.report.matchups import PAPER, POLICY, Contestant
-from experiments.report.played import Played
-
-SEED = 60_000_000  # first seed (a seed of ranges is added); tuning, evaluation and shipped trainings use other seeds
-COUNT = 2000  # number of scenarios on which the choice is made, unless a table gives the scenarios
 
 
 @dataclass(frozen=True)
@@ -29,14 +24,6 @@ class Choice:
     above: Mapping[str, Estimate]  # fraction by which the cost of each other contestant is above `cost`, by name
     missed: int  # number of objects that the recommended controller misses
     sentence: str
-
-
-def scenarios(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the scenarios of the choice: the table in `given`, or draws from its ranges with other seeds."""
-    if "table" in given:
-        return dict(given)
-    ranges = given.get("ranges") or pairs({"validation": "test"}.get(given["set"], given["set"]))  # the same ranges
-    return {"ranges": ranges, "seed": SEED + given.get("seed", 0), "count": COUNT}
 
 
 def simplicity(contestant: Contestant) -> tuple[int, int]:
@@ -78,6 +65,19 @@ def choice(played: Played) -> Choice:
     misses = f" It misses {missed} of {played.count:,} objects." if missed else ""
     sentence = f"Best here: {called[name]}. {'; '.join(compared)}.{misses}"
     return Choice(name, weight, cost, below_rule, above, missed, sentence)
+
+
+def row(result: Choice, played: Played) -> dict[str, str]:
+    """Return the row of a set-up in the table of choices, texts by heading."""
+    rule, policy = (run.loss(result.time_weight).mean() for run in (played.paper, played.policy))
+    return {
+        "set-up": played.matchup.name,
+        "best choice": played.matchup.labels[result.controller],
+        "its cost (m/s)": f"{result.cost:.3f}",
+        "the rule's cost (m/s)": f"{rule:.3f}",
+        "the policy's cost (m/s)": f"{policy:.3f}",
+        "objects missed": f"{result.missed} of {played.count}",
+    }
 
 
 def _against_rule(below: Estimate) -> str:

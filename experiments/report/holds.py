@@ -1,27 +1,14 @@
 """Robustness: results with one changed argument of the environment, without a new training or tuning."""
 
-from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 import polars as pl
 
-from agents.setups.evaluation import Change, variants
-from experiments.lab import grid
 from experiments.lab.parts import Heat, HeatMap, Table
-from experiments.lab.study import Cell, frame_of
-from experiments.report.matchups import PAPER, POLICY, Matchup
-from experiments.report.played import MISSED_TOO_OFTEN, Played
-from impact_gym.quantities import QUANTITIES
-from impact_gym.task import evaluation_sets
+from experiments.report.episodes import MISSED_TOO_OFTEN, Played
+from experiments.report.matchups import PAPER, POLICY
 
-WORDS = {  # plain names of some arguments; `factor` names all arguments
-    "force_noise": "noise of the force sensor",
-    "range_noise": "error of the distance estimate",
-    "robot": "compliant robot",
-    "scenario": "objects outside the training ranges",
-}
-SHOWN = {"s": ("ms", 1e3), "m": ("mm", 1e3), "%": ("%", 100.0)}  # for some units: the printed unit, and the factor
 Row = dict[str, Any]
 
 
@@ -33,61 +20,28 @@ class Failing(NamedTuple):
     details: str  # for each argument, the mildest change under which a rival costs less; the most misses, if over 1 %
 
 
-def cells(matchup: Matchup, scenarios: Mapping[str, Any]) -> Iterator[Cell]:
-    """Yield a cell (a job) for each change and each of `Matchup.rivals`, at the typical time weight."""
-    for change in variants(matchup.evaluation, matchup.environment):
-        played = scenarios
-        if change.scenarios:
-            there = evaluation_sets.load(change.scenarios).count
-            played = {"set": change.scenarios, "count": min(scenarios["count"], there)}
-        nominal = {**matchup.environment, **matchup.evaluation.nominal}
-        environment = nominal if change.same else change.environment
-        labels = {
-            "change": f"{factor(change.argument)}: {setting(change)}",
-            "factor": factor(change.argument, environment.get("alarm") == "reading"), "setting": setting(change),
-            "same": change.same, "value": change.value,
-        }  # fmt: skip
-        for each in matchup.rivals:
-            about = {**labels, "contestant": each.name}
-            yield grid.cell(about, each.controller, environment, played, [matchup.typical])
-
-
-def factor(argument: str, by_reading: bool = False) -> str:
-    """Return the plain name of an argument; `by_reading`: whether readings of the force sensor raise the alarm."""
-    words = WORDS.get(argument) or (QUANTITIES[argument].words if argument in QUANTITIES else argument)
-    alarm = "which raises the alarm" if by_reading else "the alarm is a switch without noise"
-    return f"{words} ({alarm})" if argument == "force_noise" else words
-
-
-def setting(change: Change) -> str:
-    """Return the changed value with its unit; if the value is not a number, the change's label."""
-    if not np.isfinite(change.value):
-        return change.label
-    unit = "%" if change.multiple else QUANTITIES[change.argument].unit
-    name, scale = SHOWN.get(unit, (unit, 1.0))
-    return f"{scale * change.value:g} {name}"
-
-
 def outcomes(played: Played, controller: str = POLICY) -> pl.DataFrame:
     """Return a row for each contestant under each change; `Matchup.policy` has the name POLICY.
 
-    Columns: the means `V` (m/s), `T` (s) and `loss` (cost, m/s); `missed`, the number of missed objects among `of`
-    objects; `more` (m/s), the extra cost of `controller` over this contestant, or 0 if below two standard errors;
-    `off`, the absolute difference of the changed value from the unchanged value, 0 if a value is not a number.
+    Columns: the means `V` (m/s, over the touched objects), `T` (s) and `loss` (cost, m/s); `missed`, the number of
+    missed objects among `of` objects; `more` (m/s), the extra cost of `controller` over this contestant, or 0 if below
+    two standard errors; `off`, the absolute difference of the changed value from the unchanged value, 0 if a value is
+    not a number.
     """
-    if not played.varied:
+    if played.varied.is_empty():
         numbers = dict.fromkeys(("value", "off", "missed", "of", "more"), float)
         return pl.DataFrame(schema={"factor": str, "setting": str, "contestant": str, "same": bool, **numbers})
     policy = pl.col("contestant").replace(played.matchup.chosen, POLICY)
-    frame = frame_of(played.varied).with_columns(policy)
+    frame = played.varied.with_columns(policy)
     ours = frame.filter(contestant=controller).select("change", "episode", more=pl.col("cost"))
     more = pl.col("more") - pl.col("cost")
     clear = more.mean() > 2.0 * more.std() / more.len().sqrt()
     off = (pl.col("value") - pl.col("value").filter("same").first().over("factor")).abs().fill_nan(0.0).fill_null(0.0)
     by = ["change", "factor", "setting", "same", "value", "contestant"]
     return frame.join(ours, on=["change", "episode"], maintain_order="left").group_by(by, maintain_order=True).agg(
-        loss=pl.mean("cost"), V=pl.mean("object_velocity"), T=pl.mean("approach_time"), missed=pl.sum("missed"),
-        of=pl.len(), more=pl.when(clear).then(more.mean()).otherwise(0.0),
+        V=pl.col("object_velocity").filter(~pl.col("missed")).mean().fill_null(np.nan), T=pl.mean("approach_time"),
+        loss=pl.mean("cost"), missed=pl.sum("missed"), of=pl.len(),
+        more=pl.when(clear).then(more.mean()).otherwise(0.0),
     ).with_columns(off=off)  # fmt: skip
 
 
@@ -169,3 +123,14 @@ def table(played: Played) -> Table:
         "its damping ratio. Hard scenarios are outside the training ranges: lighter, stiffer, less elastic, nearer"
     )
     return Table.of(caption, outcomes(played).with_columns(labels), columns)
+
+
+def rows(played: Played) -> list[dict[str, str]]:
+    """Return the row of each change in the table of all set-ups, texts by heading."""
+    names, found = {PAPER: "rule", played.matchup.rival.name: "main baseline", POLICY: "policy"}, []
+    for (factor, setting), group in outcomes(played).group_by("factor", "setting", maintain_order=True):
+        each = {row["contestant"]: row for row in group.to_dicts()}
+        row = {"set-up, change": f"{played.matchup.name}, {factor}: {setting}"}
+        row |= {heading: f"{each[name]['loss']:.3f}" for name, heading in names.items()}
+        found.append(row | {"missed by the policy": f"{each[POLICY]['missed']} of {each[POLICY]['of']}"})
+    return found

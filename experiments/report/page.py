@@ -1,62 +1,100 @@
 """The page of the report: a tab for each set-up, with the answer on the first screen and the details below."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+import json
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any, NamedTuple
 
+import polars as pl
 from markupsafe import Markup
 
 from agents.evaluate.play import controller_of, frozen_of
 from agents.provenance import todays
-from experiments.lab.parts import Picture, Section, Table
+from experiments.lab.parts import Section, Tab, Table, Terms
 from experiments.lab.player import choose, films, fragment
+from experiments.lab.statistics import RESAMPLES
+from experiments.lab.study import Findings
 from experiments.report import ablation, answer, choice, holds, tables
+from experiments.report.episodes import Played
 from experiments.report.matchups import PAPER, POLICY, Matchup
-from experiments.report.played import Played
 from impact_gym.task import Task
 
-CHOSEN_ON = {  # words for the scenarios of `jobs.calibration_scenarios`; the keys are keys of `Matchup.scenarios`
+CHOSEN_ON = {  # words for `episodes.calibration_scenarios`; the keys are keys of `Matchup.scenarios`
     "table": "these scenarios themselves", "set": "the first scenarios of the validation set",
     "ranges": "other scenarios from the same ranges",
 }  # fmt: skip
-
 ABOUT = {  # captions of the contestants in the film
     PAPER: "constant speed; brakes once it senses the touch",
     POLICY: "neural network, trained to touch soon and gently",
 }
+TERMS = Terms({
+    "V_p": "final velocity of the object; with friction, its largest velocity. Means are over the touched objects.",
+    "T": "time until the first touch; with an operator, until all is done.",
+    "the paper's rule": "accelerates to 1 m/s at 8 m/s², and brakes at 8 m/s² from 16 ms after the contact force "
+    "exceeds 1 N, within the limits of the arm.",
+    "time weight w": "cost of a second of approach, in m/s of V_p. A policy observes the weight, so one policy covers "
+    "the whole trade-off; a baseline is tuned for each weight.",
+    "seed": "one training of a set-up. The policy of the set-up is the median seed, by its score on the validation set "
+    "(of an even number, the worse of the middle two).",
+    "95 % of trainings": "tolerance bound: with 95 % confidence, 95 % of further trainings reach it, if seeds scatter "
+    "normally. The interval beside it is an interval of the mean.",
+    "at the paper's approach time": "at the weight at which the policy has the mean approach time of the paper's rule.",
+    "clairvoyant search": "the best approach that a search found for each scenario; it knows the object.",
+})  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Tab:
-    """Content of the page about one set-up."""
+class Analysis(NamedTuple):
+    """Results of one matchup."""
 
-    matchup: Matchup
+    played: Played
     answer: answer.Answer
     choice: choice.Choice
     steps: Sequence[ablation.Step]
-    headline: str  # the recommended controller, and the answer without intervals
-    fails: holds.Failing
-    chart: Picture
-    summary: str  # the answer with intervals
-    engineer: Sequence[Section]
-    statistician: Sequence[Section]
-    film: Markup
+
+    @classmethod
+    def of(cls, played: Played) -> "Analysis":
+        """Analyse the results of a matchup."""
+        return cls(played, answer.answer(played), choice.choice(played), ablation.steps_of(played))
+
+    @property
+    def summary(self) -> str:
+        """The answer with intervals."""
+        matchup = self.played.matchup
+        if matchup.operated:
+            return f"{matchup.name} ({matchup.note}): {answer.assisted(self.played, intervals=True)}"
+        return answer.sentence(self.answer, matchup) + ablation.sentence(self.steps)
 
 
-def tab(played: Played) -> Tab:
-    """Return the tab of a matchup."""
-    matchup, steps, result = played.matchup, ablation.steps_of(played), answer.answer(played)
-    chosen = choice.choice(played)
-    engineer = [Section("Which controller to take", [choice.table(chosen, played)], key="choice")]
+def analyse(matchups: Sequence[Matchup], own: bool, frames: Mapping[str, pl.DataFrame], _: bool) -> Findings:
+    """Return the findings of a report; `own`: whether policies or set-ups are the user's."""
+    found = [Analysis.of(Played.of_rows(matchup, frames["episodes"])) for matchup in matchups]
+    sentences = [
+        text for each in found for text in (f"{each.played.matchup.name}: {each.choice.sentence}", each.summary)
+    ]
+    numbers = {
+        "choices": {each.played.matchup.name: asdict(each.choice) for each in found},
+        "answers": {each.played.matchup.name: asdict(each.answer) for each in found},
+        "ablations": {each.played.matchup.name: [asdict(step) for step in each.steps] for each in found},
+        "contestants": {
+            matchup.name: {each.name: each.checksum for each in (*matchup.seeds, *matchup.baselines)}
+            for matchup in matchups
+        },
+    }
+    return Findings("\n".join(sentences), [_method(found, own)], {}, [_tab(each) for each in found], numbers)
+
+
+def _tab(found: Analysis) -> Tab:
+    played, result, chosen = found.played, found.answer, found.choice
+    matchup = played.matchup
+    engineer: list[Any] = [Section("Which controller to take", [choice.table(chosen, played)], key="choice")]
     if matchup.operated:  # the page of a set-up with an operator shows no ablation
         short = answer.assisted(played)
-        summary = f"{matchup.name} ({matchup.note}): {answer.assisted(played, intervals=True)}"
     else:
         short = answer.at_rule_time(result, played)
-        summary = answer.sentence(result, matchup) + ablation.sentence(steps)
         engineer += [
             Section("At about the paper's approach time: mean and tail", [tables.at_one_time(played)]),
-            Section("Ablation: where the gain comes from", [ablation.table(steps, matchup.labels)]),
+            Section("Ablation: where the gain comes from", [ablation.table(found.steps, matchup.labels)]),
         ]
     engineer += [
         Section("Times, velocities and forces", [tables.measures(played)], key="forces"),
@@ -66,28 +104,84 @@ def tab(played: Played) -> Tab:
     chosen_on = next(words for kind, words in CHOSEN_ON.items() if kind in matchup.scenarios)
     note = (f"The weight for the paper's approach time was chosen on {chosen_on}, so the mean times of policy and "
             "rule differ slightly here.")  # fmt: skip
-    answered = [summary] if matchup.operated else [tables.answered(result, played), note]
     statistician = [
-        Section("The answer", answered, key="answer"),
+        *[f"{matchup.name}: {matchup.note}."] * bool(matchup.note),
+        Section("The answer", [found.summary] if matchup.operated else [tables.answered(result, played), note],
+                key="answer"),
         Section("Trade-off of all seeds and baselines", [tables.trade_off(played), tables.by_weight(played)],
                 folded=True, key="trade-off"),
     ]  # fmt: skip
     return Tab(
-        matchup, result, chosen, steps, f"{chosen.sentence} {short}",
-        holds.where_it_fails(played, chosen.controller), tables.trade_off(played, first_screen=True), summary, engineer,
-        statistician, Markup(fragment(watch(played), f"watch-{matchup.name}")),
+        matchup.name, matchup.title, f"{chosen.sentence} {short}", matchup.note.partition("A QUICK LOOK, ")[2],
+        holds.where_it_fails(played, chosen.controller), tables.trade_off(played, first_screen=True),
+        Markup(fragment(watch(played), f"watch-{matchup.name}")),
+        [Section("For the engineer: the gain, forces, robustness", engineer, key="engineer"),
+         Section("For the statistician: intervals, seeds, data", statistician, key="statistician")],
     )  # fmt: skip
 
 
-def policies_table(all_played: Sequence[Played]) -> Table:
-    """Return the table of the median seeds of all set-ups."""
+def _method(found: Sequence[Analysis], own: bool) -> Section:
+    matchups = [each.played.matchup for each in found]
+    scenarios = "; ".join(dict.fromkeys(_scenarios(matchup.scenarios) for matchup in matchups))
+    over = "training seeds and scenarios"
+    if max(len(matchup.seeds) for matchup in matchups) == 1:
+        over = "scenarios; they do not include the scatter of trainings, as there is one policy"
+    measure = ("" if own else " This measure was fixed before the first results. Earlier versions of these policies "
+               "were reported on the same test set; later changes were chosen on the validation set.")  # fmt: skip
+    return Section("All set-ups: method", [
+        f"All contestants meet the same scenarios: {scenarios}. Intervals are 95 %, of a bootstrap over {over} "
+        f"({RESAMPLES:,} resamples). The primary measure is V_p at the paper's mean approach time, interpolated "
+        f"linearly between two time weights of the policy.{measure} {_limits(matchups)}",
+        *_of_all(found),
+        Section("Glossary", [TERMS], folded=True),
+        Section("The policies", [
+            _policies([each.played for each in found]),
+            Terms({"impact-gym train SETUP --seeds N": "trains the policies, and resumes where it was stopped",
+                   "impact-gym tune SETUP --bound": "tunes the baselines and searches the clairvoyant approaches"}),
+        ], folded=True),
+    ], key="all")  # fmt: skip
+
+
+def _of_all(found: Sequence[Analysis]) -> list[Table]:
+    """Return the tables with one or more rows for each set-up."""
+    alone = [each for each in found if not each.played.matchup.operated]
+    return [
+        Table.joined("V_p at the mean time of the paper's rule, against the rule",
+                     [answer.row(each.answer, each.played) for each in alone], "report-answers"),
+        Table.joined("Share of each step from the rule to the policy in the reduction of V_p; 95 % intervals",
+                     [ablation.row(each.steps, each.played) for each in alone], "report-ablation"),
+        Table.joined("The simplest controller whose cost is not clearly above the lowest, at the typical time weight",
+                     [choice.row(each.choice, each.played) for each in found], "report-choices"),
+        Table.joined("Mean cost (m/s) and missed objects with one thing changed",
+                     [row for each in found for row in holds.rows(each.played)], "report-robustness"),
+    ]  # fmt: skip
+
+
+def _limits(matchups: Sequence[Matchup]) -> str:
+    names = defaultdict(list)
+    for matchup in matchups:
+        task = Task(**matchup.environment)
+        names[f"{task.acceleration_range[1]:g} m/s² and {task.velocity_range[1]:g} m/s"].append(matchup.name)
+    clauses = [f"{limits} ({', '.join(users)})" if len(names) > 1 else limits for limits, users in names.items()]
+    return f"Policies and tuned baselines may use up to {'; '.join(clauses)}."
+
+
+def _scenarios(scenarios: Mapping[str, Any]) -> str:
+    if "set" in scenarios:
+        return f"the first {scenarios['count']:,} of the frozen set {scenarios['set']}"
+    source = "from a file" if "table" in scenarios else f"drawn from {json.dumps(scenarios['ranges'])}"
+    return f"{scenarios['count']:,} {source}, with seeds from {scenarios['seed']:,} on"
+
+
+def _policies(all_played: Sequence[Played]) -> Table:
     body = []
     for played in all_played:
         matchup, (weight,) = played.matchup, played.as_late[played.matchup.chosen].weights
         name = f"{matchup.title} ({matchup.name})" if matchup.title else matchup.name
         trained_by, checksum = todays(matchup.provenance.get("command", "-")), matchup.policy.checksum[:16]
-        body.append((name, matchup.chosen, str(len(matchup.seeds)), trained_by, f"{weight:.4g}", checksum))
-    head = ("set-up", "median seed", "seeds", "trained by", "weight at the paper's approach time (m/s per s)",
+        versions = ", ".join(map(" ".join, matchup.provenance.get("versions", {}).items())) or "-"
+        body.append((name, matchup.chosen, str(len(matchup.seeds)), trained_by, versions, f"{weight:.4g}", checksum))
+    head = ("set-up", "median seed", "seeds", "trained by", "with", "weight at the paper's approach time (m/s per s)",
             "checksum")  # fmt: skip
     return Table("The policies; checksums of all contestants are in results.json", head, body)
 

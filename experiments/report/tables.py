@@ -6,9 +6,9 @@ from matplotlib.figure import Figure
 from experiments.lab.charts import OTHERS, SERIES
 from experiments.lab.parts import Picture, Table, percent
 from experiments.lab.statistics import Comparison, estimate, tolerated
-from experiments.report.answer import Answer, at_least, sooner
+from experiments.report.answer import Answer, at_least, rival_words, sooner
+from experiments.report.episodes import Played
 from experiments.report.matchups import BOUND, PAPER, POLICY
-from experiments.report.played import Played
 from impact_gym.task.task import VELOCITY_RANGE
 
 LOOKS = (("-", "X"), ("-", "o"), ("--", "s"), (":", "D"), ("-.", "^"), ((0, (8, 2, 1, 2)), "v"), ((0, (1, 3)), ">"))
@@ -16,19 +16,20 @@ LOOKS = (("-", "X"), ("-", "o"), ("--", "s"), (":", "D"), ("-.", "^"), ((0, (8, 
 
 def answered(answer: Answer, played: Played) -> Table:
     """Return the table of the answer, with intervals."""
-    rival = "-" if answer.rival_reduction is None else percent(answer.rival_reduction)
     reduction = percent(answer.reduction) + ("" if answer.reached else " (at the nearest time of the policy)")
     body = [
         ("V_p lower at the paper's approach time", reduction),
         ("95 % of trainings: at least", at_least(answer)),
-        (f"V_p lower there, {played.matchup.rival.plain}", rival),
+        (f"V_p lower there, {played.matchup.rival.plain}", rival_words(answer)),
         ("approach time at the paper's V_p", "(not reached) " * (answer.beyond == "faster") + sooner(answer)),
         ("V_p at the paper's approach time (m/s)", f"{answer.velocity:.3f}"),
         ("share of scenarios with a lower V_p", percent(answer.improvement)),
         ("objects missed, at all weights", f"{answer.missed} of {answer.episodes:,}"),
     ]
     policies = f"{len(played.seeds)} trainings" if len(played.seeds) > 1 else "One policy"
-    caption = f"{policies} against the paper's rule in {played.count:,} scenarios, 95 % intervals; misses are not lower"
+    caption = (
+        f"{policies} against the paper's rule in {played.count:,} scenarios, 95 % intervals; V_p: of touched objects"
+    )
     return Table(caption, ("what", POLICY), body)
 
 
@@ -43,10 +44,12 @@ def at_one_time(played: Played) -> Table:
     body = []
     for label, run in contestants.items():
         weight = min(run.weights, key=lambda each: abs(run.means(each)["T"] - goal))
-        values = [getattr(run.at(weight), field) for field in columns.values()]
-        numbers = [f"{each.mean():.3g}, {np.percentile(each, 95.0):.3g}" for each in values]
+        episodes = run.at(weight)
+        values = [getattr(episodes, field) for field in columns.values()]
+        values[1] = values[1][~episodes.missed]
+        numbers = [f"{each.mean():.3g}, {np.percentile(each, 95.0):.3g}" if each.size else "-" for each in values]
         body.append((label, f"{weight:.3g}", *numbers, str(int(run.at(weight).missed.sum()))))
-    caption = f"Mean, 95th percentile of {played.count:,} scenarios; a missed object counts as V_p = 0"
+    caption = f"Mean, 95th percentile of {played.count:,} scenarios; V_p: of touched objects"
     return Table(caption, ("contestant", "w (m/s per s)", *columns, "missed"), body)
 
 
@@ -58,8 +61,8 @@ def by_weight(played: Played) -> Table:
         theirs, chosen = played.rival.loss(weight), played.policy.loss(weight)
         median, recipe = (Comparison.of_means(loss, theirs).ratio for loss in (chosen, ours))
         by_seed, gap = ours.mean(axis=1), "-"
-        if played.bound is not None and weight in played.bound.weights:
-            bound = played.bound.loss(weight)
+        if played.searched is not None and weight in played.searched.weights:
+            bound = played.searched.loss(weight)
             gaps = [Comparison.of_means(bound, loss[..., : bound.size]).less for loss in (ours, theirs)]
             gap = ", ".join(f"{estimate:.3f}" for estimate in gaps)
         next_one = f"{-tolerated(-by_seed):.4f}, {by_seed.max():.4f}" if by_seed.size > 1 else "-"
@@ -85,14 +88,15 @@ def measures(played: Played) -> Table:
     runs[late] = "", as_late.at(as_late.weights[0])
     rows = []
     for label, (name, episodes) in runs.items():
-        velocity, peak = episodes.object_velocity, episodes.peak_force
+        velocity, peak, touched = episodes.object_velocity, episodes.peak_force, ~episodes.missed
+        impulse = velocity * episodes.scenario["object_mass"]
         row = {
             "contestant": label,
             "T (s)": f"{episodes.approach_time.mean():.4f}",
-            "V_p (m/s)": f"{estimate(played.resamples.means(velocity)):.3f}",
+            "V_p (m/s)": f"{estimate(played.resamples.means_where(velocity, touched)):.3f}",
             "V_p, mean of the worst 5 %": f"{np.sort(velocity)[-max(1, round(0.05 * velocity.size)) :].mean():.3f}",
             "peak force (N): mean, 95 %": f"{peak.mean():.1f}, {np.quantile(peak, 0.95):.0f}",
-            "impulse (N s)": f"{(velocity * episodes.scenario['object_mass']).mean():.4f}",
+            "impulse (N s)": f"{played.resamples.means_where(impulse, touched)[0]:.4f}",
             "several contacts": f"{100 * (episodes.contact_count > 1).mean():.1f} %",
             "contacts": f"{episodes.contact_count.mean():.2f}",
             "missed": f"{episodes.missed.sum()}",
@@ -106,7 +110,7 @@ def measures(played: Played) -> Table:
             more = {"slide (m)": "slide", "until the touch (s)": "touch_time", "taken": "taken"}
             row |= {heading: f"{getattr(episodes, result).mean():.3f}" for heading, result in more.items()}
         rows.append(row)
-    caption = f"Means over the same {played.count:,} scenarios; impulse: object mass times V_p"
+    caption = f"Means over the same {played.count:,} scenarios; V_p and impulse, object mass times V_p: touched objects"
     caption += "; deflection of the tool's spring in the first of these scenarios" if played.travelled else ""
     return Table(caption, tuple(rows[0]), [tuple(row.values()) for row in rows])
 
@@ -117,7 +121,7 @@ def trade_off(played: Played, first_screen: bool = False) -> Picture:
     until = "all is done" if matchup.operated else "the touch"
     names = (PAPER, matchup.rival.name) if first_screen else played.baselines
     labels = {each.name: each.plain if first_screen else each.label for each in matchup.baselines}
-    bound = None if first_screen else played.bound
+    bound = None if first_screen else played.searched
     others = [] if first_screen else [run for run in played.seeds.values() if run is not played.policy]
     runs = {PAPER: [played.paper], POLICY: [played.policy, *others]}
     runs |= {labels[name]: [played.baselines[name]] for name in names}

@@ -3,11 +3,21 @@
 import importlib
 
 from experiments.lab.study import Study
+from impact_gym.validation import nearest
 
-NAMES = ("paper", "speed", "stability", "gain", "teleop", "bench", "stock")
+QUESTIONS = {
+    "paper": "Does the model agree with the paper?",
+    "speed": "How fast are the solver, the environments and the training?",
+    "stability": "Is the solver stable on random scenes?",
+    "teleop": "Which assistance helps if the operator's commands arrive late?",
+    "stock": "How good is a policy after 1, 3, 10 minutes of training with stable-baselines3?",
+}
+"""The question of each study, by the study's name."""
 
 
 def load(name: str) -> Study:
-    """Return the study `name`, one of NAMES."""
+    """Return the study `name`, a key of QUESTIONS; ValueError: there is none."""
+    if name not in QUESTIONS:
+        raise ValueError(nearest("study", name, QUESTIONS))
     study: Study = importlib.import_module(f"experiments.studies.{name}").STUDY
     return study

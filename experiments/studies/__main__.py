@@ -1,26 +1,29 @@
-"""`impact-gym study NAME`: the options are those of `experiments.lab.study.StudyOptions`."""
+"""The command `impact-gym study`."""
 
 import sys
-from functools import partial
+from dataclasses import dataclass, field
+from typing import Annotated
+
+import tyro
 
 from agents.command_line import run_command
 from experiments.lab.study import StudyOptions, run
-from experiments.studies import NAMES, load
-from impact_gym.validation import nearest
+from experiments.studies import QUESTIONS, load
+
+STUDIES = "; ".join(f"{name} ({question})" for name, question in QUESTIONS.items())
 
 
-def main() -> None:
-    """Run the study whose name is the first argument."""
-    name, *sys.argv[1:] = sys.argv[1:] or ["--help"]
-    if name in ("--help", "-h"):
-        print("usage: impact-gym study NAME ...\n")
-        print(*(f"  {each:<10} {load(each).question}" for each in NAMES), sep="\n")
-        sys.exit()
-    if name not in NAMES:
-        print(f"impact-gym study: {nearest('study', name, NAMES)}", file=sys.stderr)
-        sys.exit(2)
-    run_command(f"study {name}", StudyOptions, partial(run, load(name)))
+@dataclass(frozen=True)
+class StudyCommand:
+    """Run a study of this project, and write a page with its tables.
+
+    A cell is one combination of settings; it gives rows of a table. The command measures only cells without results.
+    """
+
+    name: Annotated[tyro.conf.Positional[str], tyro.conf.arg(help=f"One of these studies: {STUDIES}")]
+    options: Annotated[StudyOptions, tyro.conf.arg(name="")] = field(default_factory=StudyOptions)
 
 
 if __name__ == "__main__":
-    main()
+    sys.argv += ["--help"] * (len(sys.argv) == 1)
+    run_command("study", StudyCommand, lambda command: run(load(command.name), command.options))

@@ -2,6 +2,7 @@
 
 import json
 import re
+import runpy
 import shutil
 from pathlib import Path
 
@@ -98,9 +99,7 @@ def test_checksum_changes_with_each_parameter_and_the_task():
 
 def test_loader_of_the_page_runs_onnx_from_its_metadata(tmp_path):
     """It returns the commands from readings in SI units, also from readings beyond their scales."""
-    page = Path(__file__).parents[2] / "docs" / "how-to" / "deploy-c.md"
-    (code,) = re.findall(r'```python title="loader.py"\n(.*?)```', page.read_text(), re.DOTALL)
-    exec(code, loader := {})
+    loader = runpy.run_path(str(Path(__file__).parents[2] / "docs" / "examples" / "run_onnx.py"))
     subject, policy = of_name("teleop-spring"), load_policy("teleop-spring")
     command = loader["load"](write_onnx(subject, tmp_path / "it.onnx"))
     span = [action.high - action.low for action in subject.actions]

@@ -23,6 +23,8 @@ from agents.tune import Tune
 from experiments import command, policies
 from experiments.controller import copy_setup
 from experiments.lab.study import StudyOptions
+from experiments.studies import QUESTIONS
+from experiments.studies.__main__ import StudyCommand
 
 pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning:runpy")  # of a module that was imported before it runs
 
@@ -43,7 +45,7 @@ def exit_of(monkeypatch):
 NAMES = [name for group in command.COMMANDS.values() for name in group]
 
 
-@pytest.mark.parametrize("name", [*NAMES, "study gain"])
+@pytest.mark.parametrize("name", NAMES)
 def test_help_of_a_command_is_in_words_of_a_user(name, exit_of, capsys):
     assert not exit_of(*name.split(), "--help")
     text = capsys.readouterr().out
@@ -52,8 +54,6 @@ def test_help_of_a_command_is_in_words_of_a_user(name, exit_of, capsys):
 
 
 def test_commands_are_listed_for_no_or_an_unknown_name(exit_of, capsys):
-    assert exit_of("study", "telop") == 2
-    assert "no study 'telop': did you mean teleop?" in capsys.readouterr().err
     for words, status in (((), 0), (("reprot",), 2)):
         assert exit_of(*words) == status
         text = capsys.readouterr()[status // 2]
@@ -63,23 +63,31 @@ def test_commands_are_listed_for_no_or_an_unknown_name(exit_of, capsys):
     assert {f"impact-gym {version('impact-gym')}", f"numpy {np.__version__}"} <= {*capsys.readouterr().out.splitlines()}
 
 
+def test_study_lists_studies_and_refuses_unknown_names(exit_of, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert not exit_of("study")
+    text = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    assert all(f"{name} ({question})" in text for name, question in QUESTIONS.items())
+    assert exit_of("study", "telop") == "impact-gym study: no study 'telop': did you mean teleop?"
+    assert exit_of("study", "teleop", "--only", "cost").startswith("impact-gym study: only: no table 'cost' in the")
+
+
 def test_command_names_the_packages_it_lacks(exit_of, monkeypatch):
     there = command.Distribution.discover
     monkeypatch.setattr(command.Distribution, "discover", lambda name: () if name == "cma" else there(name=name))
     assert exit_of("tune") == "impact-gym tune needs cma: pip install 'impact-gym[train]'"
-    assert not exit_of("policies", "rigid-blind")  # needs no extra
+    assert not exit_of("policies", "rigid-blind")  # needs another extra
 
 
 @pytest.mark.parametrize(("name", "options"), [
     ("tune", Tune(("linear-blind",), names=("blind-profile",), weights=(0.5, 2.0), budget=8, bound=True)),
     ("train", TrainOptions("rigid-blind", Training(width=24), seeds=2, cluster="ray", out=Path("a b"))),
-    ("study gain", StudyOptions(Path("out"), quick=True, only=("priors",), processes=1)),
+    ("study", StudyCommand("speed", StudyOptions(Path("out"), quick=True, only=("cost",), processes=1))),
 ], ids=["tune", "train", "study"])  # fmt: skip
 def test_command_of_options_is_read_into_the_same_options(name, options):
-    called, *first = name.split()
-    words = shlex.split(command_of(called, options, None, *first))
-    assert words[: 2 + len(first)] == ["impact-gym", called, *first]
-    assert read_command(name, type(options), words[2 + len(first) :]) == options
+    words = shlex.split(command_of(name, options))
+    assert words[:2] == ["impact-gym", name]
+    assert read_command(name, type(options), words[2:]) == options
 
 
 @pytest.mark.filterwarnings("always:odd")

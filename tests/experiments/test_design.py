@@ -19,7 +19,7 @@ from experiments.design.pads import PADS, on_pad, pad_of
 from experiments.design.search import PENALTY, Candidate, Limits, SearchBudget, objective, play
 from experiments.design.study import PAPERS_RULE, Search, study_of
 from experiments.design.variables import SearchVariable, as_built
-from experiments.lab.study import Run, StudyOptions
+from experiments.lab.study import StudyOptions, StudyRun
 from impact_gym.task import Task
 
 PROFILE = list(read_tuned("blind-profile")["weights"]["2"]["parameters"].values())
@@ -94,10 +94,10 @@ def small(tmp_path):
 
 def test_stopped_study_continues_to_a_set_up_and_a_page(small):
     options = small.checked()  # with sorted times
-    begun = Run(study_of(options), StudyOptions(small.out, processes=0), "the command")
+    begun = StudyRun(study_of(options), StudyOptions(small.out, processes=0), "the command")
     assert len(begun["searches"]) == 4  # stopped here
     design(small)
-    run = Run(study_of(options), StudyOptions(small.out, processes=0))
+    run = StudyRun(study_of(options), StudyOptions(small.out, processes=0))
     assert run["searches"].equals(begun["searches"])
     rows = pl.read_csv(small.out / "summary.csv")
     of_paper, *curve = rows.filter(pl.col("line").is_in([PAPER, CHOSEN]))[["approach_time", "object_velocity"]].rows()

@@ -1,6 +1,5 @@
 """A small report of real episodes: its numbers follow from the episodes on disk, and its page works offline."""
 
-import hashlib
 import html
 import json
 import os
@@ -17,16 +16,18 @@ from agents import load_policy
 from agents.baselines import PaperTrapezoid
 from agents.baselines.tuned import load_baseline
 from agents.evaluate.scenario_batch import RESULTS, ScenarioBatch
-from experiments.report.__main__ import MARK, ReportOptions, matchups_of, publish
+from experiments.lab.study import MARK, StudyOptions, last_run, run
+from experiments.report.__main__ import ReportOptions, matchups_of, study_of
 from experiments.report.matchups import BOUND, PAPER
 from impact_gym.files import UNFINISHED
 from impact_gym.task import Task, evaluation_sets
+from impact_gym.task.scenario import FIELDS
 
 COUNT, SEARCHED, OWN = 80, 64, "agents.baselines:PaperTrapezoid"
+COMMAND = "impact-gym report linear-blind"
 CHAIN = [PAPER, "constant-speed", "constant-deceleration", "blind-profile"]  # from simple to complex
 MEDIAN = f"seed-{load_policy('linear-blind').seed}"
 SEEDS = sorted({"seed-0", "seed-1", "seed-2", MEDIAN})[-3:]
-LATE = "{} at the paper's approach time"
 RANGES, TOOL = {"object_mass": 0.4, "distance": [0.2, 0.3]}, {"tool_mass": 0.2}
 TOLERANCE_OF_THREE = 7.656  # one-sided 95/95 factor (M. G. Natrella, NBS Handbook 91, table A-7)
 
@@ -45,29 +46,36 @@ def folder(tmp_path_factory):
     own = replace(own, evaluation=replace(own.evaluation, varied={}))
     out = base / "latest"
     (out / "figures").mkdir(parents=True)
-    for name in (MARK, "letter", "figures/old.svg", f"figures/.x.1{UNFINISHED}", "index.html", "episodes.parquet"):
+    for name in (MARK, "letter", "figures/old.svg", f"figures/.x.1{UNFINISHED}", "index.html", "episodes.csv"):
         (out / name).write_text("earlier")
-    for name in ("index.html", "episodes.parquet"):
+    for name in ("index.html", "episodes.csv"):
         os.link(out / name, base / name)
-    both, options = [replace(linear, seeds=seeds, evaluation=evaluation), own], ReportOptions(out=out, processes=0)
-    written = publish(both, options).stat().st_mtime_ns
-    assert publish(both, options).stat().st_mtime_ns == written  # it is up to date
+    both, options = (
+        study_of([replace(linear, seeds=seeds, evaluation=evaluation), own], True),
+        StudyOptions(out, processes=0),
+    )
+    written = run(both, options, COMMAND).stat().st_mtime_ns
+    assert run(both, options, COMMAND).stat().st_mtime_ns == written  # it is up to date
     return out
 
 
 @pytest.fixture(scope="module")
 def results(folder):
-    return json.loads((folder / "results.json").read_text())
+    return last_run(folder)["numbers"]
+
+
+def rows_of(folder, matchup):
+    return pl.read_csv(folder / "episodes.csv", infer_schema_length=None).filter(matchup=matchup)
 
 
 @pytest.fixture(scope="module")
 def episodes(folder):
-    """Results and objects of the set-up's contestants, arrays (weights, scenarios), the smallest weight first."""
-    frame = pl.read_parquet(folder / "episodes.parquet").filter(matchup="linear-blind")
+    """Results and objects of the set-up's contestants by part of the report, arrays (weights, scenarios)."""
     shaped = {}
-    for (name,), rows in frame.sort("time_weight", "scenario").group_by("contestant"):
-        count = rows["time_weight"].n_unique()
-        shaped[name] = {field: rows[field].to_numpy().reshape(count, -1) for field in frame.columns[2:]}
+    for (part, name), rows in rows_of(folder, "linear-blind").sort("weight", "episode").group_by("part", "contestant"):
+        if part not in ("varied", "travelled"):
+            shape, key = (rows["weight"].n_unique(), -1), (part, name) if part in ("as_late", "choosing") else name
+            shaped[key] = {each: rows[each].to_numpy().reshape(shape) for each in ("weight", *FIELDS, *RESULTS)}
     return shaped
 
 
@@ -76,12 +84,12 @@ def read_at(x, xs, ys):
 
 
 def cost(rows):
-    return rows["object_velocity"] + rows["time_weight"] * rows["approach_time"] + 2.0 * rows["missed"]
+    return rows["object_velocity"] + rows["weight"] * rows["approach_time"] + 2.0 * rows["missed"]
 
 
 def at_two(rows):
     """Return the costs (scenarios,) at a time weight of 2 m/s per s."""
-    return cost(rows)[rows["time_weight"] == 2.0]
+    return cost(rows)[rows["weight"] == 2.0]
 
 
 def numbers(episodes, chosen, scenarios=slice(None), seeds=SEEDS):
@@ -95,7 +103,7 @@ def numbers(episodes, chosen, scenarios=slice(None), seeds=SEEDS):
     policy, rule = front(*seeds), episodes[PAPER]["object_velocity"][0, scenarios]
     read = np.array([read_at(time, *front(name)) for name in CHAIN] + [read_at(time, *policy)])
     costs = [np.mean([at_two(episodes[name])[scenarios] for name in names]) for names in (*zip(CHAIN), seeds)]
-    late = np.array([episodes[LATE.format(seed)]["object_velocity"][0, scenarios] for seed in seeds])
+    late = np.array([episodes["as_late", seed]["object_velocity"][0, scenarios] for seed in seeds])
     taken, steps = at_two(episodes[chosen])[scenarios].mean(), -np.diff(read)
     return {
         "reduction": [1.0 - read[-1] / velocity], "velocity": [read[-1]], "rival_reduction": [1.0 - read[3] / velocity],
@@ -105,7 +113,7 @@ def numbers(episodes, chosen, scenarios=slice(None), seeds=SEEDS):
     }  # fmt: skip
 
 
-def test_numbers_and_intervals_follow_from_the_episodes(results, episodes):
+def test_numbers_and_intervals_follow_from_the_episodes(folder, results, episodes):
     answer, choice = (results[kind]["linear-blind"] for kind in ("answers", "choices"))
     first, *steps, last = results["ablations"]["linear-blind"]
     assert [first["contestant"], *(step["contestant"] for step in steps)] == [*CHAIN, "learned policy"]
@@ -129,7 +137,7 @@ def test_numbers_and_intervals_follow_from_the_episodes(results, episodes):
     of_policy = last["velocity"]["value"]["value"] + last["velocity"]["less"]["value"]
     assert of_policy == pytest.approx(numbers(*of, slice(SEARCHED))["velocity"][0])
     bound = 100.0 * (np.mean(each) - TOLERANCE_OF_THREE * np.std(each, ddof=1))
-    assert f"at least {bound:.1f} %)" in results["sentences"][1]
+    assert f"at least {bound:.1f} %)" in last_run(folder)["answer"].splitlines()[1]
 
 
 def in_scenarios(task, scenarios, *names):
@@ -167,7 +175,7 @@ def tables_of(folder, tab):
 
 def test_tables_follow_from_the_episodes(folder, episodes):
     _, _, _, measures, _, _, _, by_weight = tables_of(folder, "linear-blind")
-    for row, rows in ((measures[0], episodes[PAPER]), (measures[-1], episodes[LATE.format(MEDIAN)])):
+    for row, rows in ((measures[0], episodes[PAPER]), (measures[-1], episodes["as_late", MEDIAN])):
         peak, velocity = rows["peak_force"][0], rows["object_velocity"][0]
         assert row["T (s)"] == f"{rows['approach_time'].mean():.4f}"
         assert row["Vp (m/s)"].startswith(f"{velocity.mean():.3f} [")
@@ -178,7 +186,7 @@ def test_tables_follow_from_the_episodes(folder, episodes):
 
     assert [float(row["time weight (m/s per s)"]) for row in by_weight] == [0.7, 1.0, 2.0, 4.0]  # evaluation.weights
     for weight, row in zip((0.7, 1.0, 2.0, 4.0), by_weight, strict=True):
-        costs = [cost(episodes[name])[episodes[name]["time_weight"] == weight] for name in (MEDIAN, CHAIN[3])]
+        costs = [cost(episodes[name])[episodes[name]["weight"] == weight] for name in (MEDIAN, CHAIN[3])]
         assert [*row.values()][1:3] == [f"{each.mean():.4f}" for each in costs]
 
 
@@ -194,13 +202,11 @@ def test_robustness_is_of_the_changed_environment(folder, place, task, name):
         assert [*row.values()][3:] == [*means, f"{episodes.missed.sum()} of {COUNT}"]
 
 
-def test_files_are_of_these_episodes_and_replace_earlier_ones(folder, results):
-    content = (folder / "episodes.parquet").read_bytes()
-    assert results["episodes"]["sha256"] == hashlib.sha256(content).hexdigest()
+def test_files_of_earlier_reports_are_replaced(folder):
     of_page = {path.name for path in (folder / "figures").iterdir()}
     assert of_page == {f"{name}_{key}.svg" for name in ("linear-blind", "mine") for key in ("answer", "trade_off")}
     assert {path.name for path in folder.iterdir()} >= {"letter", MARK}
-    for name in ("index.html", "episodes.parquet"):  # replaced, not overwritten
+    for name in ("index.html", "episodes.csv"):  # replaced, not overwritten
         assert (folder.parent / name).read_text() == "earlier"
     others = [path.stat().st_mtime_ns for path in folder.rglob("*") if path.name != "results.json"]
     assert max(others) <= (folder / "results.json").stat().st_mtime_ns  # its key says that the page is complete
@@ -209,10 +215,10 @@ def test_files_are_of_these_episodes_and_replace_earlier_ones(folder, results):
 def test_episodes_match_a_batch_on_the_same_scenarios(folder, episodes):
     for name, (alone, _) in in_scenarios(Task(), (evaluation_sets.load("test"), COUNT), PAPER, "blind-profile").items():
         for field in RESULTS:
-            assert (episodes[name][field][episodes[name]["time_weight"] == 2.0] == getattr(alone, field)).all()
+            assert (episodes[name][field][episodes[name]["weight"] == 2.0] == getattr(alone, field)).all()
         for field, values in alone.scenario.items():
             assert (episodes[name][field] == values).all()
-    own = pl.read_parquet(folder / "episodes.parquet").filter(matchup="mine", contestant=OWN).sort("scenario")
+    own = rows_of(folder, "mine").filter(part="baselines", contestant=OWN).sort("episode")
     alone = ScenarioBatch(5, 6, Task(scenario=RANGES | {"distance": (0.2, 0.3)}, **TOOL)).play(PaperTrapezoid())
     assert set(own["object_mass"]) == {0.4}
     assert (own["object_velocity"].to_numpy() == alone.object_velocity).all()

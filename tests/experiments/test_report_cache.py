@@ -17,14 +17,16 @@ from agents.export.contract import of_name
 from agents.setups import load_setup
 from agents.setups.evaluation import Evaluation
 from experiments.controller import ControllerOptions, copy_setup, exporting, stages
+from experiments.lab import study
+from experiments.lab.parts import Section
 from experiments.report import __main__ as report
-from experiments.report import jobs, matchups
+from experiments.report import episodes, matchups, page
 from experiments.report.matchups import PAPER, Contestant
 from impact_gym.files import locked
 
 ROOT = Path(__file__).parents[2]
 EPISODES = ("agents/evaluate/play.py", "agents/baselines/profile.py", "agents/policies/networks.py", "mine.py",
-            "impact_gym/task/task.py", "experiments/report/jobs.py", "experiments/lab/grid.py")  # fmt: skip
+            "impact_gym/task/task.py", "experiments/report/episodes.py", "experiments/lab/grid.py")  # fmt: skip
 PAGE = ("experiments/report/tables.py", "experiments/lab/statistics.py", "agents/setups/linear-blind.toml")
 
 
@@ -46,27 +48,29 @@ def source(tmp_path, monkeypatch):
 
 @pytest.fixture
 def made(source, tmp_path, monkeypatch):
-    """A function that publishes without playing: where the episodes are and what they need; None if up to date."""
+    """A function that writes a report without playing: folder and digest of the episodes; None if it is up to date."""
     asked, usual = [], replace(played().matchup, scenarios={"set": "test", "count": 9})
     own = Contestant("mine:rule", {"object": "mine:rule"}, (2.0,), "")
     usual = replace(usual, baselines=(*usual.baselines, own))
 
-    def play(_, folder, depends, *__):
+    def cached(_, arguments, folder, *, depends, **__):
+        refused(lambda: locked(tmp_path / "out" / study.MARK, wait=False).__enter__(), "is being written")
         folder.mkdir(parents=True, exist_ok=True)
         asked.append((folder, depends))
+        return [[{"episode": 0}]] * len(arguments)
 
-    def write(_, options, made_from, begun):
-        refused(lambda: locked(options.out / report.MARK, wait=False).__enter__(), "is being written")
-        (options.out / "index.html").touch()
-        (options.out / "results.json").write_text(json.dumps({"made from": made_from, "sentences": []}))
+    def analyse(*_):
+        return study.Findings("", [Section("Nothing", [])])
 
-    def made(changes=None, **options):
+    def made(changes=None, own=False, **options):
         asked.clear()
-        report.publish([replace(usual, **(changes or {}))], report.ReportOptions(out=tmp_path / "out", **options))
+        what = report.study_of([replace(usual, **(changes or {}))], own)
+        study.run(what, study.StudyOptions(tmp_path / "out", **options))
         return asked[0] if asked else None
 
-    monkeypatch.setattr(jobs, "play_matchups", play)
-    monkeypatch.setattr(report, "write_folder", write)
+    analyse.__module__ = page.__name__
+    monkeypatch.setattr(page, "analyse", analyse)
+    monkeypatch.setattr(study, "cached", cached)
     return made
 
 
@@ -75,7 +79,7 @@ def test_report_is_made_anew_where_its_input_changed(made, tmp_path):
     for changes in ({"scenarios": {"set": "test", "count": 8}}, {"seeds": (seed,)}, {"environment": {"rtol": 1e-9}},
                     {"evaluation": Evaluation(weights=(1.0,))}, {"title": "Other"}):  # fmt: skip
         assert (made(changes), made(changes), made()) == (first, None, first), changes
-    assert (made(policy=("mine",)), made(), made(force=True)) == (first,) * 3
+    assert (made(own=True), made(), made(force=True)) == (first,) * 3
     for lost in ("index.html", "results.json"):  # as where it was killed
         (tmp_path / "out" / lost).unlink()
         assert (made(), made()) == (first, None)
@@ -92,7 +96,7 @@ def test_report_is_made_anew_where_its_sources_changed(made, source, monkeypatch
         assert (now != before) == (name in EPISODES), name  # only episodes that depend on it are played again
         assert [*now[0].parent.iterdir()] == [now[0]]  # those of other sources are gone
         before = now
-    monkeypatch.setattr(report, "compiled_from", lambda: "other")
+    monkeypatch.setattr(study, "compiled_from", lambda: "other")
     assert made()[0] != before[0]
 
 
@@ -103,8 +107,8 @@ def test_play_as_late_has_the_rules_mean_time():
     scenarios, validation = ({"set": name, "count": 200} for name in ("test", "validation"))
     policy, rule = matchups.of_setup(load_setup("linear-blind"), scenarios).policy, {"baseline": "paper-trapezoid"}
     assert (policy.weights[0], policy.weights[-1]) == load_setup("linear-blind").training.time_weight
-    late = jobs.play_as_late(policy.controller, arm, scenarios, policy.weights)
-    ours = play(policy.controller, validation, [float(late["weight"][0])], arm)
+    weight = episodes.weight_as_late(policy.controller, arm, scenarios, policy.weights)
+    ours, late = (play(policy.controller, each, [weight], arm) for each in (validation, scenarios))
     chosen, other = (play(rule, each, environment=arm) for each in (validation, scenarios))
     assert ours["approach_time"].mean() == pytest.approx(chosen["approach_time"].mean(), abs=1e-3)
     assert ours["approach_time"].mean() <= chosen["approach_time"].mean()
@@ -120,7 +124,9 @@ def test_recommended_controller_is_exported_for_the_users_arm(mine, tmp_path):
         (PAPER, "paper-trapezoid"), ("mine-profile", out / "tuned" / "mine-profile.json"),
         ("seed-1", out / "policies" / "mine.npz"), ("local-brake", "local-brake"),
     ):  # fmt: skip
-        (out / "report" / "results.json").write_text(json.dumps({"choices": {"mine": {"controller": best}}}))
+        (out / "report" / "results.json").write_text(
+            json.dumps({"runs": [{"numbers": {"choices": {"mine": {"controller": best}}}}]})
+        )
         found = exporting(copy, options)
         assert (found.controller, found.setup) == (str(source), None if best == "seed-1" else str(copy))
     rule = of_name("paper-trapezoid", load_setup(str(copy)))

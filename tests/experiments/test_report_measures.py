@@ -15,7 +15,8 @@ from experiments.lab import charts, grid
 from experiments.lab.page import typeset
 from experiments.lab.parts import percent
 from experiments.lab.statistics import Comparison, Estimate, Resamples, along, estimate, tolerated
-from experiments.report import answer, choice, holds, jobs, tables
+from experiments.lab.study import frame_of
+from experiments.report import answer, changes, choice, episodes, holds, tables
 from experiments.report.ablation import links, sentence, steps_of, table
 from experiments.report.matchups import PAPER, POLICY, Contestant, quick_look_note
 from impact_gym.render import palette
@@ -115,7 +116,7 @@ def test_choice_is_made_elsewhere_and_judged_here():
     results.seeds["seed-0"] = run((0.2, 0.4), missed=3)
     ours, rival = 0.4 * SPEEDS.mean() + 0.4 + 2.0 * 3 / COUNT, 0.6 * SPEEDS.mean() + 0.4  # at w = 2, after 0.2 s
     matchup = replace(results.matchup, scenarios={"set": "test", "count": 9})
-    asked = {where: arguments["scenarios"] for where, _, arguments in jobs.jobs_of(matchup)}
+    asked = {cell.labels["part"]: cell.arguments["scenarios"] for cell in episodes.cells_of(matchup)}
     assert asked["seeds"] == asked["baselines"] == matchup.scenarios
     assert (asked["choosing"].get("set"), asked["choosing"]["seed"], asked["choosing"]["count"]) == (
         None,
@@ -127,7 +128,7 @@ def test_choice_is_made_elsewhere_and_judged_here():
     assert (found.cost.value, found.above["profile"].value) == pytest.approx((ours, rival / ours - 1.0))
     *others, (_, cost, best, velocity, time, missed) = choice.table(found, results).rows
     assert (best, time, missed) == ("best choice", "0.2000", "3")
-    assert (cost[:6], velocity) == (f"{ours:.4f}", f"{0.4 * SPEEDS.mean():.4f}")
+    assert (cost[:6], velocity) == (f"{ours:.4f}", f"{0.4 * SPEEDS[3:].mean():.4f}")
     assert "best choice" not in str(others)
     results.choosing["seed-0"] = results.choosing["profile"]  # no better where the choice is made
     assert choice.choice(results).controller == "profile"
@@ -171,7 +172,23 @@ def test_answer_says_what_a_curve_does_not_reach(shares, times, numbers, headlin
     for soonest, late in ((0.301, True), (0.299, False)):  # s; at first later at every weight
         results.baselines["profile"] = run((0.4, 0.6), (0.5, soonest))
         result, long, _ = said(results)
-        assert (result.rival_reduction is None, "tuned baseline" not in long) == (late, late)
+        assert (result.rival_reduction is None, result.rival_apart, "later than the rule" in long) == (
+            late, "later" * late, late)  # fmt: skip
+    results.baselines["profile"] = run((0.4, 0.6), (0.29, 0.2))  # sooner at every weight
+    result, *sentences = said(results)
+    assert (result.rival_reduction, result.rival_apart) == (None, "sooner")
+    assert ["sooner than the rule" in text for text in sentences] == [True, True]
+
+
+def test_a_missed_object_is_not_counted_as_slow():
+    results, missing = played(), np.arange(COUNT) % 2 == 1
+    policy = results.seeds["seed-0"]
+    policy["missed"][:], policy["object_velocity"][:, missing] = missing, 0.0
+    touched = SPEEDS[~missing].mean()
+    assert [policy.means(weight)["V"] for weight in (1.0, 2.0)] == pytest.approx([0.2 * touched, 0.4 * touched])
+    assert answer.answer(results).velocity.value == pytest.approx(0.3 * touched)
+    policy_at_two = tables.measures(results).rows[2]
+    assert policy_at_two[2].startswith(f"{0.4 * touched:.3f} [")
 
 
 @pytest.mark.parametrize(("missing", "claimed"), [(3, True), (4, False)])
@@ -207,6 +224,13 @@ def test_chart_has_times_below_and_speeds_beside():
     assert points[POLICY] == pytest.approx(np.array([[0.4, 0.2 * mean], [0.2, 0.4 * mean]]))
 
 
+def change(results, columns):
+    """Fill `results.varied`; `columns` returns the columns of a contestant's rows under a change from their labels."""
+    matchup = replace(results.matchup, scenarios={"set": "test", "count": 100})
+    cells = (cell.labels for cell in episodes.cells_of(matchup) if cell.labels["part"] == "varied")
+    results.varied = frame_of((labels, pl.DataFrame(columns(labels))) for labels in cells)
+
+
 ALTERNATING = np.tile([0.0, 1.0], 50)
 TWO_ERRORS = 2.0 * ALTERNATING.std(ddof=1) / 10.0  # of the mean of 100
 
@@ -223,12 +247,14 @@ def test_failure_needs_two_standard_errors_or_two_misses(surplus, missed, facts)
     noisy = 1.0 + ALTERNATING - ALTERNATING.mean() + more
     losses = {"tool mass: 0.125 kg": usual, "tool mass: 0.2 kg": usual | {"seed-0": noisy},
               "tool mass: 0.3 kg": usual | {"seed-0": 0.5}}  # fmt: skip
-    for cell in holds.cells(results.matchup, {"set": "test", "count": 100}):
-        change, name = cell.labels["change"], cell.labels["contestant"]
-        episodes, velocity = np.arange(100), np.broadcast_to(losses[change][name], 100)
-        missing = (episodes < missed) & (name == "seed-0") & (change == list(losses)[-1])
-        rows = {"episode": episodes, "object_velocity": velocity, "approach_time": np.zeros(100), "missed": missing}
-        results.varied.append((cell.labels, pl.DataFrame(rows | {"cost": velocity + 2.0 * missing})))
+
+    def columns(labels):
+        name, velocity = labels["contestant"], np.broadcast_to(losses[labels["change"]][labels["contestant"]], 100)
+        missing = (np.arange(100) < missed) & (name == "seed-0") & (labels["change"] == list(losses)[-1])
+        rows = {"episode": np.arange(100), "object_velocity": velocity, "approach_time": np.zeros(100)}
+        return rows | {"missed": missing, "cost": velocity + 2.0 * missing}
+
+    change(results, columns)
     _, worst, details = holds.where_it_fails(results, "seed-0")
     assert [fact for fact in facts if fact not in worst] == []
     assert ("Worse than" in details, "misses 2 of 100" in details) == (surplus > 1.0, missed == 2)
@@ -241,25 +267,26 @@ def test_failure_needs_two_standard_errors_or_two_misses(surplus, missed, facts)
 def test_worst_change_comes_first_and_misses_count_by_share():
     results = played(varied={"tool_mass": [0.125, 0.2], "alarm_threshold": [1.0, 3.0]})
     more, missing = {"0.2 kg": 0.3, "3 N": 0.6}, {"0.2 kg": 3, "3 N": 4}
-    for cell in holds.cells(results.matchup, {"set": "test", "count": 100}):
-        setting, ours = cell.labels["setting"], cell.labels["contestant"] == "seed-0"
-        episodes = np.arange(50 if setting == "0.2 kg" else 100)
-        cost = np.full(len(episodes), 1.0 + more.get(setting, 0.0) * ours)
-        rows = {"episode": episodes, "object_velocity": cost, "approach_time": 0.0 * cost, "cost": cost}
-        results.varied.append(
-            (cell.labels, pl.DataFrame(rows | {"missed": (episodes < missing.get(setting, 0)) & ours}))
-        )
+
+    def columns(labels):
+        setting, ours = labels["setting"], labels["contestant"] == "seed-0"
+        place = np.arange(50 if setting == "0.2 kg" else 100)
+        cost = np.full(len(place), 1.0 + more.get(setting, 0.0) * ours)
+        rows = {"episode": place, "object_velocity": cost, "approach_time": 0.0 * cost, "cost": cost}
+        return rows | {"missed": (place < missing.get(setting, 0)) & ours}
+
+    change(results, columns)
     _, worst, details = holds.where_it_fails(results, "seed-0")
     assert worst.startswith("tool mass. At 0.2 kg it is worse than the ")
     assert worst.endswith("it misses 3 of 50 objects.")
     assert "3 N" not in worst
-    assert 0 < details.index(holds.factor("alarm_threshold")) < details.index("tool mass")
+    assert 0 < details.index(changes.factor("alarm_threshold")) < details.index("tool mass")
 
 
 @pytest.mark.parametrize(("policy", "profile", "limits", "number", "gap"), [
     (run((0.2, 0.4)), run((0.4, 0.6)), ["", "", ""], "28.6 % [28.6, 28.6] from learning", ""),
     (run((0.2, 0.4)), run((0.5, 0.6), (0.25, 0.2)), ["", "at least ", "at most "], "at least 28.6 %", "50 ms sooner"),
-    (run((0.2, 0.4)), run((0.4, 0.5), (0.5, 0.35)), ["", "", ""], "V_p + 2 T", "50 ms later"),
+    (run((0.2, 0.4)), run((0.4, 0.4), (0.5, 0.35)), ["", "", ""], "V_p + 2 T", "50 ms later"),
     (run((0.2, 0.4), missed=1), run((0.4, 0.6)), ["", "", ""], None, ""),  # more than one in a hundred
     (run((0.5, 0.7)), run((0.1, 0.3)), ["", "", ""], None, ""),  # the profile gains more than the policy
     (run((0.3, 0.4), (0.25, 0.2)), run((0.4, 0.6)), ["", "", "at least "], None, ""),  # the whole gain is unknown
@@ -267,7 +294,7 @@ def test_worst_change_comes_first_and_misses_count_by_share():
 def test_steps_claim_only_what_is_read_at_the_rules_time(policy, profile, limits, number, gap):
     results = played()
     results.seeds["seed-0"], results.baselines["profile"] = policy, profile
-    results.bound = run((0.1, 0.1), weights=(7.0, 8.0))  # not searched at the typical weight, so no step
+    results.bound = {"search": run((0.1, 0.1), weights=(7.0, 8.0))}  # not searched at the typical weight, so no step
     first, *steps = steps_of(results)
     assert [step.limit for step in steps] == limits
     assert gap in table([first, *steps], {}).rows[2][2]
@@ -288,4 +315,14 @@ def test_links_join_the_next_step_without_a_baseline():
     ):  # fmt: skip
         assert [link.added for link in links(played(names, range_noise=noise))][1:] == added
     two_of_a_rule = links(played(("profile", "other")))
-    assert [link.contestant for link in two_of_a_rule] == [PAPER, "profile", POLICY]  # the main baseline comes first
+    assert [link.contestant for link in two_of_a_rule] == [PAPER, "profile", "other", POLICY]
+
+
+def test_learning_is_compared_with_the_cheapest_baseline():
+    results = played(("profile", "filter"))
+    for shares, before in (((0.1, 0.2), "filter"), ((0.5, 0.7), "profile")):  # the profile's: 0.4 and 0.6
+        results.baselines["filter"] = run(shares)
+        assert links(results)[-2].contestant == before
+        *_, best, learning = steps_of(results)
+        assert learning.loss.less.value == pytest.approx(best.loss.value.value - learning.loss.value.value)
+        assert (learning.velocity.share.value < 0.0) == (before == "filter")

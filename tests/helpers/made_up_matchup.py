@@ -3,8 +3,8 @@
 import numpy as np
 
 from agents.setups.evaluation import Evaluation
+from experiments.report.episodes import Played, Results
 from experiments.report.matchups import PAPER, Contestant, Matchup
-from experiments.report.played import Played, Run
 from impact_gym.task.scenario import FIELDS
 
 COUNT, WEIGHTS, PAPER_TIME = 60, (1.0, 2.0), 0.3
@@ -12,9 +12,9 @@ SPEEDS = np.random.default_rng(0).uniform(0.5, 1.5, COUNT)
 """V_p of the paper's rule, m/s; the V_p of other contestants is a share of it."""
 RULES = {
     "constant": "ConstantSpeed", "evenly": "ConstantDeceleration", "profile": "BlindProfile", "other": "BlindProfile",
-    "range": "Ranged", "over": "RangedProfile",
+    "range": "Ranged", "over": "RangedProfile", "filter": "FilteredProfile",
 }  # fmt: skip
-SHARES = {"constant": (0.6, 0.8), "profile": (0.4, 0.6)}  # of SPEEDS, at 0.4 s and at 0.2 s
+SHARES = {"constant": (0.6, 0.8), "evenly": (0.5, 0.7), "profile": (0.4, 0.6)}  # of SPEEDS, at 0.4 s and at 0.2 s
 
 
 def run(shares, times=(0.4, 0.2), weights=WEIGHTS, missed=0):
@@ -24,7 +24,7 @@ def run(shares, times=(0.4, 0.2), weights=WEIGHTS, missed=0):
     velocity, time = np.multiply.outer(shares, SPEEDS), np.multiply.outer(times, np.ones(COUNT))
     results = {"object_velocity": velocity, "approach_time": time, "missed": missing}
     results |= {"peak_force": np.ones(missing.shape), "contact_count": np.ones(missing.shape)}
-    return Run(weights, results | dict.fromkeys(FIELDS, SPEEDS))
+    return Results(weights, results | dict.fromkeys(FIELDS, SPEEDS))
 
 
 def played(names=("profile", "constant"), seeds=((0.2, 0.4),), varied=None, **environment):

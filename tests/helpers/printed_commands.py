@@ -1,4 +1,4 @@
-"""Commands that pages, cards and reports print: their own parsers read the options, and nothing is run."""
+"""Commands that pages, cards and reports print: their own parsers read the options, values exist, nothing is run."""
 
 import argparse
 import re
@@ -7,10 +7,14 @@ import shlex
 import sys
 import warnings
 from functools import partial
+from pathlib import Path
 
 import pytest
 import tyro
 
+from agents.baselines.tuned import FIXED
+from agents.setups import shipped, shipped_baselines
+from experiments import studies
 from experiments.command import COMMANDS
 
 MODULES = {name: command.module for group in COMMANDS.values() for name, command in group.items()}
@@ -19,6 +23,11 @@ STANDS_FOR = {
     "NAME=LOW:HIGH": "coupling.stiffness=40:60", "...": "",
 }  # fmt: skip
 """Values for the placeholders of a usage line."""
+
+ROOT = Path(__file__).parents[2]
+FILE = re.compile(r"(?<![\w/.:-])(?:agents|docs|experiments|impact_gym|tests)/[\w./-]*\w")
+"""The name of a file or folder of this repository."""
+NAMED = {*shipped(), *shipped_baselines(), *FIXED}
 
 
 def run_python(words, monkeypatch):
@@ -32,11 +41,15 @@ def run_python(words, monkeypatch):
 
 
 def read_options(module, words, monkeypatch):
-    """Let a command read its options, and stop it then."""
+    """Let a command read its options, and stop it then; the tables, set-ups and controllers in them exist."""
+    unknown = {word for word in words if re.fullmatch("[a-z]+(-[a-z]+)+", word)} - NAMED
+    assert not unknown, f"{module} {words}: {unknown}"
 
     def and_stop(read):
         def reading(*arguments, **options):
-            read(*arguments, **options)
+            command = read(*arguments, **options)
+            if module == MODULES["study"]:
+                assert {*command.options.only} <= {table.name for table in studies.load(command.name).measurements}
             sys.exit()
 
         return reading

@@ -13,7 +13,7 @@ from solver_scenes import LINEAR, MOTION, scene
 
 import impact_gym as ig
 from experiments.studies.solvers.approaches import Solution
-from experiments.studies.solvers.taylor import Run
+from experiments.studies.solvers.taylor import TaylorApproach
 
 RTOLS = 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-13
 RIGID_ROBOT = "imposed", "clamped"  # families with a flight in closed form, where rtol bounds all errors
@@ -107,7 +107,7 @@ def test_every_number_agrees_with_a_taylor_series(coupling):
     for e in (1.0, 0.8, 0.5):
         chain = scene(1e5, e, coupling)
         ours = Solution.of(ig.simulate(chain, MOTION, 1.0, rtol=1e-13), 1.0)
-        series = Run(chain, MOTION, 1.0, 1e-16).solve()
+        series = TaylorApproach(chain, MOTION, 1.0, 1e-16).solve()
         assert (ours.contacts, ours.passes) == (series.contacts, series.passes)
         for name in ("velocity", "peak_force", "contact_duration", "detection_time"):
             assert getattr(ours, name) == pytest.approx(getattr(series, name), rel=1e-13)

@@ -1,122 +1,93 @@
 """The study `paper`: the paper's figures, computed with our model, and verdicts on the paper's statements.
 
-There is a module for each of the sections 2 to 5 of the paper. Each module has two functions for each figure:
-`figure_05` returns the table of Fig. 5; `_numbers_figure_05` returns the numbers that statements.toml names.
+There is a module for each of the sections 2 to 5 of the paper, and one for claims that no figure shows. For each figure
+a module has a function that computes its table, one that judges the statements about it, and one that draws it. The
+functions that compute take a model; `models.WRONG` has wrong models, which contradict the statements.
 """
 
-from collections import Counter
-from typing import Any
+from collections.abc import Sequence
 
-import numpy as np
-import polars as pl
-from matplotlib.figure import Figure
-
-from experiments.lab.charts import SERIES
-from experiments.lab.parts import Picture, Section, Table
+from experiments.lab.parts import Section, Table
 from experiments.lab.study import SOLVER, Cell, Findings, Frames, Measurement, Study
-from experiments.studies.paper import beyond, section_2, section_3, section_4, section_5
-from experiments.studies.paper.runs import impulses
-from experiments.studies.paper.statements import AGREEING, DATA, Basis, Verdict, judged
-from impact_gym.render.palette import LIGHT
+from experiments.studies.paper import beyond, section_2, section_3, section_4, section_5, values
+from experiments.studies.paper.statements import Figure, Statement, Verdict
 
-ABOUT = DATA["figures"]
-SCALE = 0.8  # factor on the size of all figures, so that the text is legible in two figures side by side
-WIDE = 11.0  # inches, before the factor SCALE; a wider figure is alone in its row of the page
-MADE: dict[str, Any] = {
-    name: made for module in (section_2, section_3, section_4, section_5, beyond) for name, made in vars(module).items()
+SECTIONS: dict[str, tuple[str, Sequence[Figure]]] = {
+    "section-2": ("2 Contacts", section_2.FIGURES),
+    "section-3": ("3 Compliant robot", section_3.FIGURES),
+    "section-4": ("4 Spring and damper", section_4.FIGURES),
+    "section-5": ("5 Bistable mechanism", section_5.FIGURES),
+    "beyond": ("Claims without a figure", beyond.FIGURES),
 }
-DEPENDS = (*SOLVER, "experiments.lab.scenes", "experiments.studies.paper.runs")
+FIGURES = {figure.name: figure for _, figures in SECTIONS.values() for figure in figures}
+DEPENDS = (*SOLVER, "impact_gym.robot", "experiments.lab.scenes", *(
+    f"experiments.studies.paper.{name}" for name in ("models", "runs", "statements")
+))  # fmt: skip
 
 
-def _words(row: dict[str, Any]) -> tuple[str, str, str, str]:
-    place = f"section {row['section']}" + f", {ABOUT[row['figure']]['heading']}" * row["figure"].startswith("figure")
-    digits = "" if row["digits"] is None else f", {row['digits']} digit{'s' * (row['digits'] != 1)}"
-    basis = f" ({row['basis']})" * (row["basis"] != Basis.TEST)
-    printed = f"printed {row['printed']} {row['unit']}, ours " if row["printed"] else ""
-    source = f"Source: {row['source']}." if row["source"] else ""
-    judgement = " ".join(filter(None, (f"Rule: {row['rule']}.", row["otherwise"], row["why"], source)))
-    ours = f"{printed}{row['ours']} {row['unit']}".rstrip()
-    return f"{row['text']} ({place})", f"{row['verdict']}{digits}{basis}", ours, judgement
-
-
-def table(caption: str, statements: pl.DataFrame) -> Table:
-    """Return a table of statements."""
-    head = ("What the text says", "Verdict", "Our result", "Rule and reason")
-    return Table(caption, head, [_words(row) for row in statements.iter_rows(named=True)])
-
-
-def draw_curves(frame: pl.DataFrame, axes: Any, curves: str | list[dict[str, Any]], where: dict[str, Any]) -> None:
-    """Draw the curves that statements.toml describes, from the rows whose columns have the values in `where`."""
-    for curve in DATA["curves"][curves] if isinstance(curves, str) else curves:
-        style = {"scale": 1.0, "color": "rule"} | curve
-        x, y, scale, colour = (style.pop(name) for name in ("x", "y", "scale", "color"))
-        rows = frame.filter(**where, **style.pop("where", {})).sort(x, maintain_order=True)
-        shown = [(LIGHT[colour], style.pop("label", None), rows)]
-        if by := style.pop("by", None):
-            (_, label, _), values = *shown, style.pop("values")
-            shown = [
-                (each, label and label.format(value), rows.filter(**{by: value}))
-                for each, value in zip(SERIES, values, strict=False)
-            ]
-        for each, label, points in shown:
-            axes.plot(scale * points[x], points[y], color=each, label=label, **style)
-
-
-def picture(name: str, frame: pl.DataFrame) -> Picture:
-    """Return the figure `name`, drawn from the table `frame`; statements.toml has its curves, texts and layout."""
-    about = DATA["figures"][name]
-    figure = Figure(figsize=tuple(SCALE * length for length in about["size"]))
-    grid: Any = figure.subplots(**about.get("panels", {}))
-    if cases := about.get("impulses"):
-        impulses(frame, grid, cases)
-    for axes, given in zip(np.ravel(grid), about["axes"], strict=True):
-        texts = dict(given)
-        draw_curves(frame, axes, texts.pop("curves", []), texts.pop("where", {}))
-        for position in texts.pop("marked", []):
-            axes.axvline(position, color=LIGHT["flange"], linewidth=0.8, linestyle=":")
-        legend = texts.pop("legend", None)
-        axes.set(**texts)
-        if legend is not None:
-            axes.legend(**legend)
-    heading = f"{about['heading']}: {about['title']}"
-    return Picture(name, figure, about["alternative"], about["caption"], heading, about["size"][0] > WIDE)
-
-
-def answer(statements: pl.DataFrame) -> str:
-    """Return in words how many statements have each verdict."""
-    bases = Counter(Basis(basis).name for basis in statements["basis"])
-    tests = Counter(Verdict(verdict).name for verdict in statements.filter(basis=Basis.TEST)["verdict"])
-    agree, others = sum(tests[verdict.name] for verdict in AGREEING), len(statements) - bases["TEST"]
-    return str(DATA["answer"].format(all=len(statements), others=others, agree=agree, bases=bases, tests=tests))
+def _judgement(statement: Statement) -> str:
+    other, text = statement.reading, f"Rule: {statement.rule}. {statement.why}"
+    verdict = "holds" if other and other.holds else "does not hold"
+    return f"{text} Another reading, {other.text}: {verdict}; {other.ours}." if other else text
 
 
 def analyse(frames: Frames, quick: bool) -> Findings:
     """Judge the statements about all figures that were computed; show figures and statements."""
-    statements = judged({name: MADE[f"_numbers_{name}"](frame) for name, frame in frames.items()})
-    apart = statements.filter(~pl.col("verdict").is_in(AGREEING))
-    misprints = Table.of("", DATA["misprints"], {"Where": "{place}", "What is wrong with it": "{correction}"})
-    sections = [
-        Section("What disagrees", [table("Also what depends on the reading or is undecided.", apart)], key="apart"),
-        Section("Misprints", [misprints], key="misprints"),
-    ]
-    for about in DATA["sections"]:
-        if names := [name for name in about["figures"] if name in frames]:
-            sections.append(
-                Section(about["heading"], [picture(name, frames[name]) for name in names], key=about["key"])
-            )
-            here = statements.filter(pl.col("figure").is_in(names))
-            sections.append(Section(f"{len(here)} statements about these figures", [table("", here)], folded=True))
-    return Findings(answer(statements), sections, {"statements": statements})
+    found = {name: list(figure.statements(frames[name])) for name, figure in FIGURES.items() if name in frames}
+    statements = [statement for judged in found.values() for statement in judged]
+    whole = len(frames) == len(STUDY.measurements)  # the documentation shows only tables of all statements
+
+    def table(caption: str, head: str, rows: Sequence[Sequence[str]], results: str = "") -> Table:
+        return Table(caption, head.split("|"), rows, results if whole else "")
+
+    apart = [[each for each in statements if each.verdict == verdict] for verdict in Verdict]
+    agree, one_reading, disagree = apart
+    counts = [("all", str(len(statements)))]
+    counts += [(verdict, str(len(judged))) for verdict, judged in zip(Verdict, apart, strict=True)]
+    disagreements = [(each.place, each.text, each.ours) for each in disagree]
+    readings = [(each.text, f"{each.rule}: {each.ours}", f"{each.reading.text}: {each.reading.ours}")
+                for each in one_reading if each.reading]  # fmt: skip
+    sections = [Section("Verdicts", [
+        table("Number of statements.", "Verdict|Statements", counts, "paper-verdicts"),
+        table("Statements that disagree. The reasons stand below the figures.", "Where|The paper says|Our model",
+              disagreements, "paper-disagreements"),
+        table("Statements that agree in one of two readings.", "The paper says|One reading|Another reading", readings),
+    ], key="verdicts")]  # fmt: skip
+    for key, (heading, figures) in SECTIONS.items():
+        here = [figure for figure in figures if figure.name in frames]
+        pictures = [part for figure in here for part in figure.pictures(frames[figure.name])]
+        judged = [each for figure in here for each in found[figure.name]]
+        rows = [(f"{each.text} ({each.place})", each.verdict, each.ours, _judgement(each)) for each in judged]
+        shown = table("", "What the text says|Verdict|Our result|Rule and reason", rows)
+        if here:
+            sections.append(Section(heading, pictures, key=key))
+            sections.append(Section(f"{len(rows)} statements about these figures", [shown], folded=True))
+    if "identified" in frames:
+        head, rows = "Quantity|Value|Determined by|Ours", frames["identified"].rows()
+        shown = table("Values that the paper does not print.", head, rows, "paper-identified")
+        sections.append(Section("Identified values", [shown], key="identified"))
+    corrections = table("Corrections of the print.", "Where|Correction", values.corrections(), "paper-corrections")
+    every = [(each.text, each.place, each.verdict, each.ours, each.wrong or "-") for each in statements]
+    head = "Statement|Where|Verdict|Our result|Wrong model"
+    sections += [
+        Section("Corrections", [corrections], key="corrections"),
+        Section("All statements, and wrong models with the opposite verdict",
+                [table("All statements.", head, every, "paper-statements")], folded=True),
+    ]  # fmt: skip
+    answer = (
+        f"Of {len(statements)} statements of the paper's text that our model can contradict, {len(agree)} agree, "
+        f"{len(one_reading)} agree in one of two readings, and {len(disagree)} disagree."
+    )
+    return Findings(answer, sections)
 
 
 STUDY = Study(
     name="paper",
     question="Does the model agree with the paper?",
     measurements=[  # each figure takes so little time that no other process is started
-        Measurement(name, lambda quick, frames: [Cell({}, {})], MADE[name], DEPENDS, processes=0)
-        for section in DATA["sections"]
-        for name in section["figures"]
+        Measurement(measure.__name__, lambda quick, frames: [Cell({}, {})], measure, DEPENDS, processes=0)
+        for measure in [*(figure.measure for figure in FIGURES.values()), values.identified]
     ],
     analyse=analyse,
-    packages=("matplotlib",),
+    packages=("matplotlib", "mujoco"),
 )

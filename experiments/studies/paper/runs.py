@@ -1,22 +1,27 @@
 """Functions that several figures of the study `paper` use."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
 import polars as pl
+from matplotlib.figure import Figure as Sheet
 from numpy.typing import NDArray
 
 import impact_gym as ig
 from experiments.lab.charts import SERIES
-from experiments.lab.scenes import DURATION, MOTION, OBJECT_MASS, THRESHOLD, TOOL_MASS, simulate_with_trace
+from experiments.lab.parts import Picture
+from experiments.lab.scenes import DURATION, MOTION, OBJECT_MASS, TOOL_MASS
 from experiments.lab.study import Row
+from experiments.studies.paper.models import Model
 from impact_gym.physics import impact
+from impact_gym.render.palette import FLANGE, FORCE, OBJECT, PERSON, TOOL
 
 Array = NDArray[np.float64]
-Numbers = dict[str, Any]  # numbers, arrays or words, by the names that statements.toml uses
 WIDTH = 1e-6  # `enclose_changes` adds two rows around a change; their parameters differ by at most this
+SCALE = 0.8  # factor on the size of all figures, so that the text is legible in two figures side by side
+WIDE = 11.0  # inches, before the factor SCALE; a wider figure is alone in its row of the page
 
 
 def where(frame: pl.DataFrame, **values: float | str) -> dict[str, NDArray[Any]]:
@@ -44,11 +49,13 @@ def changes(rows: dict[str, NDArray[Any]], parameter: str, count: str) -> list[t
     return [(float(rows[parameter][i]), counts[i], counts[i + 1]) for i in places]
 
 
-def histories(cases: Mapping[str, ig.Scene], motion: ig.Trapezoid = MOTION, duration: float = DURATION) -> pl.DataFrame:
+def histories(
+    model: Model, cases: Mapping[str, ig.Scene], motion: ig.Trapezoid = MOTION, duration: float = DURATION
+) -> pl.DataFrame:
     """Simulate scenes for `duration` (s); return a table of traces with `case`, `contact` and `impulse`, see `Run`."""
     parts = []
     for case, scene in cases.items():
-        outcome, trace = simulate_with_trace(scene, motion, duration)
+        outcome, trace = model.trace(scene, motion, duration)
         number = np.zeros_like(trace.time)
         for count, contact in enumerate(outcome.contacts, start=1):
             end = np.inf if contact.end is None else contact.end
@@ -68,7 +75,6 @@ class Run:
         self.contacts = int(self.contact.max())
         self.first_contact = first = self.part(self.contact == 1)
         self.during_contact = during = self.part(self.contact > 0)
-        self.felt_contact = self.part((self.contact == 1) & (self.trace.contact_force > THRESHOLD))
         self.impulse = rows["impulse"][-1]  # N s, impulse of the coupling (eq. 21)
         self.final_velocity = self.trace.object_velocity[-1]  # m/s, V_p
         self.peak_force = self.trace.contact_force.max()  # N
@@ -94,10 +100,11 @@ class Run:
         total = np.concatenate([[0.0], np.cumsum(pieces)])[begin : end + 1]
         return time[begin : end + 1] - time[begin], total
 
-    def equation_22(self, restitution: float, impulse: float) -> float:
-        """Return V_p (m/s) by eq. 22, from a restitution and an impulse of the coupling (N s)."""
+    def equation_22(self, restitution: float) -> float:
+        """Return V_p (m/s) by eq. 22, from a restitution and the simulated impulse of the coupling."""
         at_rest = float(self.first_contact.object_velocity[0])
-        return float(impact.free_tool(TOOL_MASS, OBJECT_MASS, self.impact_velocity, at_rest, restitution, impulse)[1])
+        masses = TOOL_MASS, OBJECT_MASS
+        return float(impact.free_tool(*masses, self.impact_velocity, at_rest, restitution, self.impulse)[1])
 
 
 def runs_of(frame: pl.DataFrame) -> tuple[Run, Run]:
@@ -105,10 +112,60 @@ def runs_of(frame: pl.DataFrame) -> tuple[Run, Run]:
     return Run(frame, "a"), Run(frame, "b")
 
 
-def impulses(frame: pl.DataFrame, axes: Any, cases: Sequence[str]) -> None:
-    """Draw the impulse of the coupling over time, as in Fig. 20 and 24."""
-    for colour, run, case in zip(SERIES, runs_of(frame), cases, strict=False):
+def panels(width: float, height: float, **grid: Any) -> tuple[Sheet, Any]:
+    """Return a figure of `width` by `height` inches, before the factor SCALE, and its panels in a flat array."""
+    sheet = Sheet(figsize=(SCALE * width, SCALE * height))
+    return sheet, np.ravel(sheet.subplots(**grid))
+
+
+def picture(name: str, sheet: Sheet, heading: str, caption: str, alternative: str) -> Picture:
+    """Return a figure as a part of the page."""
+    return Picture(name, sheet, alternative, caption, heading, wide=sheet.get_figwidth() > SCALE * WIDE)
+
+
+def of_stiffness(k_c: float) -> str:
+    """Return the label of a contact stiffness that is a power of ten (N/m^1.5)."""
+    return f"k_c = 1e{np.log10(k_c):.0f} N/m^1.5"
+
+
+def velocities(axes: Any, run: Run, title: str, until: tuple[float, float], robot: str = "flange") -> None:
+    """Draw the velocities of robot, tool and object over time; `robot`: the flange, or its "command"."""
+    trace = run.trace
+    label = "imposed" if robot == "command" else robot
+    axes.plot(trace.time, getattr(trace, f"{robot}_velocity"), "--", color=FLANGE, label=label)
+    axes.plot(trace.time, trace.tool_velocity, color=TOOL, label="tool")
+    axes.plot(trace.time, trace.object_velocity, color=OBJECT, label="object")
+    axes.set(title=title, xlabel="time (s)", ylabel="velocity (m/s)", xlim=until)
+    axes.legend(loc="center right" if until[0] else "upper left")
+
+
+def forces(axes: Any, run: Run) -> None:
+    """Draw contact force and coupling force over time."""
+    axes.plot(run.trace.time, run.trace.contact_force, color=FORCE, label="contact force on the object")
+    axes.plot(run.trace.time, run.trace.coupling_force, color=PERSON, label="force of the coupling on the tool")
+    axes.set(xlabel="time (s)", ylabel="force (N)")
+    axes.legend(fontsize=8)
+
+
+def velocities_and_forces(
+    frame: pl.DataFrame, titles: tuple[str, str], until: tuple[float, float]
+) -> tuple[Sheet, Any]:
+    """Draw the velocities of the cases "a" and "b", with the forces below."""
+    sheet, axes = panels(10.4, 6.4, ncols=2, nrows=2, sharex=True, sharey="row")
+    for upper, lower, run, title in zip(axes[:2], axes[2:], runs_of(frame), titles, strict=True):
+        velocities(upper, run, title, until)
+        forces(lower, run)
+    return sheet, axes
+
+
+def impulses(frame: pl.DataFrame, titles: tuple[str, str]) -> Sheet:
+    """Draw the impulse of the coupling over time in the cases "a" and "b", as in Fig. 20 and 24."""
+    sheet, (axes,) = panels(7.0, 4.4)
+    for colour, run, title in zip(SERIES, runs_of(frame), titles, strict=False):
         time, impulse = run.running_impulse()
-        axes.plot(time, impulse, color=colour, label=f"{case}: {impulse[-1]:.4f} N s")
+        axes.plot(time, impulse, color=colour, label=f"{title}: {impulse[-1]:.4f} N s")
         axes.plot(time[-1], impulse[-1], "o", color=colour)
     axes.plot([], [], "o", color="black", label="end of the contact")
+    axes.set(xlabel="time since the contact began (s)", ylabel="impulse of the coupling (N s)")
+    axes.legend()
+    return sheet

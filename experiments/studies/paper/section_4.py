@@ -1,6 +1,6 @@
 """Section 4, the tool on spring and damper (stiffness k_t): Fig. 16 to 20."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator
 from functools import partial
 from itertools import product
 from typing import Any
@@ -8,196 +8,336 @@ from typing import Any
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
-from scipy.signal import find_peaks
 
 import impact_gym as ig
+from experiments.lab.charts import SERIES
+from experiments.lab.parts import Picture
 from experiments.lab.scenes import DISTANCE, DURATION, MOTION, STEADY, scene
 from experiments.lab.study import Row
-from experiments.studies.paper.runs import Array, Numbers, Run, changes, enclose_changes, histories, runs_of, where
+from experiments.studies.paper import runs
+from experiments.studies.paper.models import PAPER, Model
+from experiments.studies.paper.runs import Array, Run, histories, panels, picture, runs_of, where
+from experiments.studies.paper.statements import Figure, Reading, Statement
 
 CONTACT_STIFFNESSES = (1e3, 1e4, 1e5)  # N/m^1.5
 COUPLING_STIFFNESSES = np.linspace(5.0, 200.0, 196)  # N/m
 SETTLED_STIFFNESSES = COUPLING_STIFFNESSES[::5]  # N/m
 SETTLED = 4.0  # m, distance at which the tool's transient after the acceleration has decayed at every k_t
-CRITICAL, DAMPED = {"damping_ratio": 1.0}, {"coupling_stiffness": 150.0}  # what is constant along a curve (-, N/m)
-RESTITUTION = 0.1  # restitution of Fig. 18 to 20
+INELASTIC = 0.1  # restitution of Fig. 18 to 20
 SPRING = ig.SpringDamper(150.0)  # of Fig. 17, 19 and 20
-INELASTIC = {"a": scene(1e5, RESTITUTION, SPRING), "b": scene(1e3, RESTITUTION, SPRING)}  # Fig. 19 and 20
 
 
-def _point(
-    k_t: float, k_c: float, restitution: float, zeta: float = 1.0, distance: float = DISTANCE, braked: bool = True
-) -> Row:
-    approach = scene(k_c, restitution, ig.SpringDamper(k_t, zeta), distance=distance)
-    outcome = ig.simulate(approach, MOTION if braked else STEADY, DURATION + distance / MOTION.speed)
+def _point(k_t: float, k_c: float, e: float, model: Model, distance: float = DISTANCE, braked: bool = True) -> Row:
+    approach = scene(k_c, e, ig.SpringDamper(k_t), distance=distance)
+    outcome = model.simulate(approach, MOTION if braked else STEADY, DURATION + distance / MOTION.speed)
     return {
-        "braked": braked, "distance": distance, "damping_ratio": zeta, "contact_stiffness": k_c,
-        "coupling_stiffness": float(k_t), "contacts": len(outcome.contacts),
-        "object_velocity": outcome.object_velocity, "object_velocity_first": outcome.contacts[0].object_velocity,
+        "braked": braked, "distance": distance, "contact_stiffness": k_c, "coupling_stiffness": float(k_t),
+        "contacts": len(outcome.contacts), "object_velocity": outcome.object_velocity,
+        "after_first": outcome.contacts[0].object_velocity,
     }  # fmt: skip
 
 
-def _sweep(restitution: float) -> list[Row]:
-    """Simulate the paper's curves, and the curves at the distance SETTLED."""
+def _rows(e: float, model: Model, **line: Any) -> list[Row]:
+    """Simulate V_p over k_t for each contact stiffness, and for fewer k_t with the `line` of `_point`."""
     rows: list[Row] = []
     for k_c in CONTACT_STIFFNESSES:
-        along = partial(_point, k_c=k_c, restitution=restitution)
-        rows += enclose_changes(COUPLING_STIFFNESSES, along, "coupling_stiffness", "contacts")
-    pairs = product(CONTACT_STIFFNESSES, SETTLED_STIFFNESSES)
-    return rows + [_point(k_t, k_c, restitution, distance=SETTLED) for k_c, k_t in pairs]
+        along = partial(_point, k_c=k_c, e=e, model=model)
+        rows += runs.enclose_changes(COUPLING_STIFFNESSES, along, "coupling_stiffness", "contacts")
+    return rows + [_point(k_t, k_c, e, model, **line) for k_c, k_t in product(CONTACT_STIFFNESSES, SETTLED_STIFFNESSES)]
 
 
-def figure_16() -> list[Row]:
-    """Simulate the curves of `_sweep`, and several damping ratios at k_t = 150 N/m."""
-    ratios = [zeta for zeta in np.round(np.arange(0.1, 2.0001, 0.05), 2).tolist() if zeta != 1.0]  # `_sweep` has 1
-    return _sweep(1.0) + [_point(150.0, k_c, 1.0, zeta) for k_c in CONTACT_STIFFNESSES for zeta in ratios]
+def figure_16(model: Model = PAPER) -> list[Row]:
+    """Simulate the curves of Fig. 16, and curves of a tool that is settled when it strikes."""
+    return _rows(1.0, model, distance=SETTLED)
 
 
-def figure_18() -> list[Row]:
-    """Simulate the curves of `_sweep`, and points at SETTLED_STIFFNESSES without a brake."""
-    pairs = product(CONTACT_STIFFNESSES, SETTLED_STIFFNESSES)
-    return _sweep(RESTITUTION) + [_point(k_t, k_c, RESTITUTION, braked=False) for k_c, k_t in pairs]
+def figure_18(model: Model = PAPER) -> list[Row]:
+    """Simulate the curves of Fig. 18, and curves without a brake."""
+    return _rows(INELASTIC, model, braked=False)
 
 
-def curves(
-    frame: pl.DataFrame, distance: float = DISTANCE, braked: bool = True, at: Mapping[str, float] = CRITICAL
-) -> list[dict[str, Array]]:
-    """Return a curve for each contact stiffness: the columns of the rows that the arguments select."""
-    rows = frame.sort("damping_ratio", maintain_order=True).filter(braked=braked, distance=distance, **at)
-    return [where(rows, contact_stiffness=k_c) for k_c in CONTACT_STIFFNESSES]
+def _velocities(frame: pl.DataFrame, distance: float = DISTANCE, braked: bool = True) -> Array:
+    """Return V_p as an array (contact stiffnesses, coupling stiffnesses)."""
+    rows = frame.filter(
+        pl.col("coupling_stiffness").is_in(COUPLING_STIFFNESSES.tolist()), distance=distance, braked=braked
+    )
+    return np.array([where(rows, contact_stiffness=k_c)["object_velocity"] for k_c in CONTACT_STIFFNESSES])
 
 
-def _velocities(frame: pl.DataFrame, **line: Any) -> Array:
-    """Return V_p as an array (contact stiffnesses, points of a curve); `line`: arguments of `curves`."""
-    points = frame.filter(pl.col("coupling_stiffness").is_in(COUPLING_STIFFNESSES.tolist()))
-    return np.array([rows["object_velocity"] for rows in curves(points, **line)])
-
-
-def _rising_from(frame: pl.DataFrame) -> Array:
+def _rising_from(grid: Array) -> list[float]:
     """Return for each contact stiffness the coupling stiffness (N/m) above which V_p rises at every step."""
-    falls = [np.flatnonzero(steps <= 0) for steps in np.diff(_velocities(frame))]
-    return np.array([COUPLING_STIFFNESSES[at[-1] + 1 if at.size else 0] for at in falls])
+    falls = [np.flatnonzero(steps <= 0) for steps in np.diff(grid)]
+    return [float(COUPLING_STIFFNESSES[at[-1] + 1 if at.size else 0]) for at in falls]
 
 
 def _places(holds: NDArray[np.bool_]) -> str:
     """Return in words at how many values of k_t a condition holds, and where it does not."""
     broken = COUPLING_STIFFNESSES[~holds]
-    where_not = f"; not at {broken.min():g} to {broken.max():g} N/m" if broken.size else ""
-    return f"holds at {holds.sum()} of {holds.size} values of k_t{where_not}"
+    but = f", not at {broken.min():g} to {broken.max():g} N/m" if broken.size else ""
+    return f"at {holds.sum()} of {holds.size} values of k_t{but}"
 
 
-def _numbers_figure_16(frame: pl.DataFrame) -> Numbers:
+def _statements_16(frame: pl.DataFrame) -> Iterator[Statement]:
     soft, middle, stiff = grid = _velocities(frame)
-    settled_steps = np.diff(_velocities(frame, distance=SETTLED))
-    damped_steps = np.diff(_velocities(frame, at=DAMPED))
-    inner = COUPLING_STIFFNESSES[1:-1]
-    jump = np.where((inner > 60.0) & (inner < 120.0), np.diff(stiff, n=2), -np.inf)
-    slope_break = float(inner[np.argmax(jump)])
-    (onset, before, after), *_ = changes(curves(frame)[-1], "coupling_stiffness", "contacts")
-    return {
-        "largest": grid.max(), "rising_from": _rising_from(frame),
-        "damping_falls": (damped_steps <= 0).sum(axis=1),
-        "settled_steps": settled_steps, "settled_rises": (settled_steps > 0).sum(axis=1),
-        "soft": soft, "middle": middle, "stiff": stiff, "order": _places((soft > middle) & (middle > stiff)),
-        "slope_break": slope_break, "onset": onset, "apart": abs(onset - slope_break),
-        "contacts_before": before, "contacts_after": after,
-    }  # fmt: skip
+    yield Statement(
+        "reduction", "Fig. 16",
+        "The decoupling system leads to a significant reduction in V_p (against 2 m/s in Fig. 13a)",
+        rule="at least 25 % below 2 m/s on all curves", holds=bool(grid.max() < 1.5), wrong="fixed tool",
+        ours=f"V_p is at most {grid.max():.3f} m/s on the curves")  # fmt: skip
+    rising, settled = _rising_from(grid), np.diff(_velocities(frame, distance=SETTLED)) > 0
+    yield Statement(
+        "stiffness", "Fig. 16", "The increase in stiffness k_t and in damping c_t increases V_p",
+        rule="rises at every step of k_t from 5 to 200 N/m, at zeta = 1, on all curves", holds=max(rising) == 5.0,
+        ours="with k_c = 1e3, 1e4, 1e5 V_p rises from {:g}, {:g}, {:g} N/m on".format(*rising),
+        why="On soft springs the tool still swings when it strikes; the softer the spring, the faster the tool.",
+        wrong="fixed tool",
+        reading=Reading("a tool that no longer swings and strikes at the printed v_t = 1 m/s", bool(settled.all()),
+                        f"V_p rises at {settled.sum()} of {settled.size} steps"))  # fmt: skip
+    order = (soft > middle) & (middle > stiff)
+    yield Statement(
+        "contact_stiffness", "Fig. 16", "An increase in k_c leads to a decrease in V_p",
+        rule="V_p at 1e3 above that at 1e4 above that at 1e5, at every k_t", holds=bool(order.all()),
+        ours=f"holds {_places(order)}", wrong="no brake")  # fmt: skip
+    again = where(frame.filter(pl.col("contacts") > 1), distance=DISTANCE)
+    energies = (again["object_velocity"] / again["after_first"]) ** 2
+    yield Statement(
+        "rebounds", "Section 6", "Rebounds of the tool give back energy to the object and cause multiple collisions",
+        rule="where Fig. 16 has several contacts, the object has more energy after the last than after the first",
+        holds=bool(energies.size and (energies > 1.0).all()), wrong="mechanism for a spring",
+        ours=f"up to {energies.max(initial=0.0):.2f} times the energy after the first contact, on {energies.size} "
+        "scenes with several contacts")  # fmt: skip
 
 
-def _numbers_figure_18(frame: pl.DataFrame) -> Numbers:
+def _curves(
+    frame: pl.DataFrame, name: str, heading: str, caption: str, alternative: str, **dashed: float | bool
+) -> Picture:
+    sheet, (axes,) = panels(7.0, 4.6)
+    curves = frame.sort("coupling_stiffness")
+    for colour, k_c in zip(SERIES, CONTACT_STIFFNESSES, strict=False):
+        whole, other = (where(curves, contact_stiffness=k_c, **{"distance": DISTANCE, "braked": True} | line)
+                        for line in ({}, dashed))  # fmt: skip
+        axes.plot(whole["coupling_stiffness"], whole["object_velocity"], color=colour, label=runs.of_stiffness(k_c))
+        axes.plot(other["coupling_stiffness"], other["object_velocity"], "--", color=colour, linewidth=0.8)
+    axes.set(xlabel="coupling stiffness k_t (N/m)", ylabel="final object velocity V_p (m/s)")
+    axes.legend(fontsize=9)
+    return picture(name, sheet, heading, caption, alternative)
+
+
+def _pictures_16(frame: pl.DataFrame) -> Iterator[Picture]:
+    yield _curves(
+        frame, "figure_16",
+        "Fig. 16: Effects of the stiffness and of the damping of the decoupling system on V_p, e = 1",
+        "V_p against the stiffness of the coupling; zeta = 1, e = 1. Dashed: ours, tool settled before the impact.",
+        "V_p against coupling stiffness for three contact stiffnesses; the curve of the stiffest contact bends upward "
+        "sharply near 90 N/m, where a second contact sets in.", distance=SETTLED,
+    )  # fmt: skip
+
+
+def _statements_18(frame: pl.DataFrame) -> Iterator[Statement]:
     soft, middle, stiff = grid = _velocities(frame)
-    unbraked_steps = np.diff(_velocities(frame, braked=False), axis=0)
-    at_150 = grid[:, (COUPLING_STIFFNESSES == 150.0).argmax()]
-    return {
-        "soft": soft, "middle": middle, "stiff": stiff, "order": _places((soft < middle) & (middle < stiff)),
-        "softest_slowest": ((soft < middle) & (soft < stiff)).sum(), "steps_unbraked": unbraked_steps,
-        "ordered_unbraked": (unbraked_steps > 0).all(axis=0).sum(), "values_unbraked": unbraked_steps.shape[1],
-        "at_150": at_150, "steps_at_150": np.diff(at_150), "rising_from": _rising_from(frame),
-    }  # fmt: skip
+    order, unbraked = (soft < middle) & (middle < stiff), _velocities(frame, braked=False)
+    ordered = (np.diff(unbraked, axis=0) > 0).all(axis=0)
+    yield Statement(
+        "contact_stiffness", "Fig. 18", "The decrease in k_c leads to a reduction in V_p",
+        rule="V_p at 1e3 below that at 1e4 below that at 1e5, at every k_t", holds=bool(order.all()),
+        ours=f"holds {_places(order)}", wrong="fixed tool",
+        why="Two terms of eq. 22 compete: a stiffer contact overlaps less with the braking and gets more impulse, but "
+        "the bodies part more slowly, which lowers 1 + e. On soft springs the second term is larger. Without a brake "
+        f"the order holds at {ordered.sum()} of {ordered.size} values of k_t.")  # fmt: skip
+    rising = _rising_from(grid)
+    yield Statement(
+        "impulse", "Fig. 18", "The impulse generated by the decoupling system increases the final velocity",
+        rule="V_p rises with k_t at every step from 5 to 200 N/m, on all curves", holds=max(rising) == 5.0,
+        ours="with k_c = 1e3, 1e4, 1e5 V_p rises from {:g}, {:g}, {:g} N/m on".format(*rising),
+        wrong="fixed tool")  # fmt: skip
 
 
-def figure_17() -> pl.DataFrame:
+def _pictures_18(frame: pl.DataFrame) -> Iterator[Picture]:
+    yield _curves(
+        frame, "figure_18", "Fig. 18: Effects of the impulses of the damping and elastic forces on V_p, e = 0.1",
+        "V_p against the stiffness of the coupling; zeta = 1, e = 0.1. Dashed: ours, without a brake.",
+        "V_p against coupling stiffness for three contact stiffnesses, e = 0.1: all curves rise; the softest contact "
+        "lies lowest, the other two cross near 100 N/m.", braked=False,
+    )  # fmt: skip
+
+
+def figure_17(model: Model = PAPER) -> pl.DataFrame:
     """Simulate Fig. 17a and 17b."""
-    return histories({"a": scene(1e5, 1.0, SPRING), "b": scene(1e4, 1.0, SPRING)})
+    return histories(model, {"a": scene(1e5, 1.0, SPRING), "b": scene(1e4, 1.0, SPRING)})
 
 
-def _numbers_figure_17(frame: pl.DataFrame) -> Numbers:
-    both = a, b = runs_of(frame)
+def _statements_17(frame: pl.DataFrame) -> Iterator[Statement]:
+    a, b = runs_of(frame)
     before = a.part(np.cumsum(a.contact) == 0)
     stretch = 1e3 * (before.tool_position - before.flange_position)
+    yield Statement(
+        "compressed", "Fig. 17",
+        "The end-effector is compressed by the inertia force during the acceleration of the robot",
+        rule="before the impact the tool lags behind the flange, and is never ahead of it",
+        holds=bool(stretch.min() < 0.0 and stretch.max() <= 1e-6),
+        ours=f"the tool lags by up to {-stretch.min():.2f} mm", wrong="spring nearly undamped")  # fmt: skip
     ahead = (before.tool_velocity - before.flange_velocity)[before.time > MOTION.speed / MOTION.acceleration]
-    times = [1e3 * (run.first_contact.time - run.first_contact.time[0]) for run in both]
-    compressions = [1e3 * (run.first_contact.flange_position - run.first_contact.tool_position) for run in both]
-    reached = [np.interp(a.duration, *points) for points in zip(times, compressions, strict=True)]  # when (a) separates
-    return {
-        "a": a, "b": b, "peaks": [len(find_peaks(run.trace.contact_force, 0.1 * run.peak_force)[0]) for run in both],
-        "lag": -stretch.min(), "ahead_most": stretch.max(),
-        "faster_share": 100 * np.mean(ahead > 0.0),  # %, share of points, and so of time: points are 1 ms apart
-        "faster_most": ahead.max(), "faster_last": ahead[-1],
-        "compressions": [values.max() for values in compressions], "reached": reached,
-        "restitution_error": max(abs(run.restitution - 1.0) for run in both),
-    }  # fmt: skip
+    share = 100.0 * np.mean(ahead > 0.0)  # %, share of points, and so of time: points are 1 ms apart
+    yield Statement(
+        "faster", "Fig. 17",
+        "The velocity of the tool is slightly higher than the robot velocity when the latter is constant",
+        rule="higher in at least 95 % of the time from the acceleration to the impact, by less than 0.1 m/s",
+        holds=bool(share > 95.0 and 0.0 < ahead.max() < 0.1 and ahead[-1] > 0.0), wrong="spring nearly undamped",
+        ours=f"higher during {share:.0f} % of that time, by {ahead.max():.3f} m/s at most")  # fmt: skip
+    yield Statement(
+        "deceleration", "Fig. 17", "The increase in contact stiffness increases the deceleration of the tool (e = 1)",
+        rule="largest deceleration in (a) above that in (b)", holds=bool(a.deceleration > b.deceleration),
+        ours=f"{a.deceleration:.0f} m/s^2 against {b.deceleration:.0f} m/s^2", wrong="fixed tool")  # fmt: skip
+    yield Statement(
+        "force", "Fig. 17", "An increase in k_c produces an increase in the contact force",
+        rule="largest contact force in (a) above that in (b)", holds=bool(a.peak_force > b.peak_force),
+        ours=f"up to {a.peak_force:.1f} N in (a), {b.peak_force:.1f} N in (b)",
+        wrong="k_c has no effect (1e4)")  # fmt: skip
+    times = [1e3 * (run.first_contact.time - run.first_contact.time[0]) for run in (a, b)]
+    pressed = [1e3 * (run.first_contact.flange_position - run.first_contact.tool_position) for run in (a, b)]
+    reached = [np.interp(min(a.duration, b.duration), *points) for points in zip(times, pressed, strict=True)]
+    most = [values.max() for values in pressed]
+    yield Statement(
+        "compression", "Fig. 17",
+        "The larger force generates a large compression of the decoupling system, which moves backwards",
+        rule="largest compression during the first contact in (a) above that in (b)", holds=bool(most[0] > most[1]),
+        ours=f"at most {most[0]:.1f} mm in (a), {most[1]:.1f} mm in (b)", wrong="k_c has no effect (1e4)",
+        why="The stiffer contact pushes the tool back faster and ends sooner.",
+        reading=Reading("the compression when the shorter contact ends", bool(reached[0] > reached[1]),
+                        f"{reached[0]:.1f} mm in (a), {reached[1]:.1f} mm in (b)"))  # fmt: skip
+    yield Statement(
+        "relative_velocity", "Fig. 17", "Since e = 1, the relative velocity before and after the impact are equal",
+        rule="equal within 5 %, in both cases", holds=max(abs(run.restitution - 1.0) for run in (a, b)) < 0.05,
+        ours=f"after / before: {a.restitution:.3f} in (a), {b.restitution:.3f} in (b)",
+        why="Eq. 1 holds for two bodies without other forces. Here the compressed coupling also pushes the tool.",
+        wrong="spring 1000 times as soft")  # fmt: skip
 
 
-def figure_19() -> pl.DataFrame:
+def _pictures_17(frame: pl.DataFrame) -> Iterator[Picture]:
+    sheet, _ = runs.velocities_and_forces(frame, ("(a, c) k_c = 1e5 N/m^1.5", "(b, d) k_c = 1e4 N/m^1.5"), (0.25, 0.75))
+    yield picture(
+        "figure_17", sheet, "Fig. 17: Velocities and forces for two contact stiffnesses, e = 1",
+        "Velocities and forces for two contact stiffnesses; k_t = 150 N/m, zeta = 1, e = 1.",
+        "Two columns, velocities above and forces below, against time. Left, the stiff contact: two short force peaks, "
+        "the object leaves at 0.90 m/s. Right, the softer contact: one longer peak, 0.94 m/s.")  # fmt: skip
+
+
+def figure_19(model: Model = PAPER) -> pl.DataFrame:
     """Simulate Fig. 19a and 19b with their restitution and with restitution 1, each with and without a brake."""
-    cases = INELASTIC | {"a, e = 1": scene(1e5, 1.0, SPRING), "b, e = 1": scene(1e3, 1.0, SPRING)}
+    cases = {"a": scene(1e5, INELASTIC, SPRING), "b": scene(1e3, INELASTIC, SPRING)}
+    cases |= {"a, e = 1": scene(1e5, 1.0, SPRING), "b, e = 1": scene(1e3, 1.0, SPRING)}
     never = {f"{case}, no brake": approach for case, approach in cases.items()}
-    return pl.concat([histories(cases), histories(never, STEADY)])
+    return pl.concat([histories(model, cases), histories(model, never, STEADY)])
 
 
-def _share_before_the_brake(run: Run) -> float:
-    begin = run.trace.time[np.argmax((run.trace.flange_velocity < MOTION.speed) & (run.contact > 0))]
-    return float(100 * np.interp(begin, run.trace.time, run.trace.object_velocity)) / run.final_velocity
-
-
-def _coupling(touching: ig.Trace) -> Numbers:
-    behind = int(np.argmax(touching.tool_velocity < touching.flange_velocity))
-    stretch = np.max(touching.tool_position - touching.flange_position)
-    gain, time = touching.tool_velocity[behind:] - touching.flange_velocity[behind:], touching.time
-    slower = "throughout"
-    if (gain >= 0.0).any():
-        until = time[behind + np.argmax(gain >= 0.0)] - time[0]
-        slower = f"for the first {1e3 * until:.0f} of {1e3 * np.ptp(time):.0f} ms"
-    return {
-        "push": touching.coupling_force[behind:].min(), "gain": gain.max(), "slower": slower,
-        "stretch": stretch, "compressed": "always" if stretch < 0.0 else "not always",
-    }  # fmt: skip
-
-
-def _numbers_figure_19(frame: pl.DataFrame) -> Numbers:
+def _statements_19(frame: pl.DataFrame) -> Iterator[Statement]:
     both = a, b = runs_of(frame)
     elastic = [Run(frame, f"{case}, e = 1") for case in "ab"]
+    yield Statement(
+        "inelastic", "Section 4.2", "When inelastic impacts are considered, the final velocity decreases",
+        rule="V_p of Fig. 19a and 19b below that with e = 1", wrong="elastic contact (e = 1)",
+        holds=all(run.final_velocity < other.final_velocity for run, other in zip(both, elastic, strict=True)),
+        ours="; ".join(f"{run.final_velocity:.4f} against {other.final_velocity:.4f}"
+                       for run, other in zip(both, elastic, strict=True)) + " m/s")  # fmt: skip
+    shares = []
+    for run in both:
+        slower = (run.trace.flange_velocity < MOTION.speed) & (run.contact > 0)
+        shares.append(
+            100.0 * run.trace.object_velocity[slower.argmax()] / run.final_velocity if slower.any() else 100.0
+        )
+    yield Statement(
+        "contributions", "Fig. 19",
+        "There are two contributions to V_p: momentum transferred during the collision, and when the robot brakes",
+        rule="at least 5 % of V_p before the braking begins and at least 5 % after, in (a) and (b)",
+        holds=all(5.0 < share < 95.0 for share in shares), wrong="no brake",
+        ours="{:.0f} % of V_p in (a) and {:.0f} % in (b) before the robot brakes".format(*shares))  # fmt: skip
+    yield Statement(
+        "deceleration", "Fig. 19", "The increase in contact stiffness increases the deceleration of the tool (e = 0.1)",
+        rule="largest deceleration in (a) above that in (b)", holds=bool(a.deceleration > b.deceleration),
+        ours=f"{a.deceleration:.0f} m/s^2 against {b.deceleration:.0f} m/s^2", wrong="fixed tool")  # fmt: skip
+    yield Statement(
+        "longer", "Fig. 19",
+        "When the contact stiffness is low, the duration of the total momentum transfer is made longer",
+        rule="contact in (b) longer than in (a)", holds=bool(b.duration > a.duration), wrong="k_c has no effect (1e4)",
+        ours=f"{b.duration:.1f} ms against {a.duration:.1f} ms")  # fmt: skip
+    parting = [run.during_contact.flange_velocity[-1] for run in both]
+    yield Statement(
+        "slows", "Fig. 19b", "The robot is able to markedly reduce its velocity during the contact",
+        rule="slows to less than half of 1 m/s by the end of the contact", holds=bool(parting[1] < 0.5),
+        wrong="no brake", ours=f"from 1 m/s to {parting[1]:.3f} m/s; in (a) to {parting[0]:.3f} m/s")  # fmt: skip
+    yield Statement(
+        "synchronous", "Fig. 19", "The final relative velocity is only a small fraction of the initial one",
+        rule="below 0.2, in (a) and (b)", holds=max(a.restitution, b.restitution) < 0.2,
+        ours=f"{a.restitution:.3f} of it in (a), {b.restitution:.3f} in (b)",
+        why="In (b) the surfaces part only after the robot has braked; by then the coupling has pulled the tool back.",
+        wrong="no brake")  # fmt: skip
+    touching = [run.first_contact for run in both]
+    behind = [int(np.argmax(each.tool_velocity < each.flange_velocity)) for each in touching]
+    push = [each.coupling_force[start:].min() for each, start in zip(touching, behind, strict=True)]
+    yield Statement(
+        "pushes", "Fig. 19c, d", "The force of the decoupling elements is positive during the contact",
+        rule="positive from where the tool has fallen behind the flange (0.1 ms) to the end of the contact",
+        holds=bool(min(push) > 0.0), ours=f"at least {push[0]:.2f} N in (a), {push[1]:.2f} N in (b)",
+        why="The braking robot gets slower than the tool; the damper pulls more than the spring pushes.")  # fmt: skip
+    stretch = [1e3 * np.max(each.tool_position - each.flange_position) for each in touching]
+    yield Statement(
+        "compressed", "Fig. 19c, d", "During the contact the decoupling system is compressed",
+        rule="the tool behind its relaxed position at every instant of the contact, in (a) and (b)",
+        holds=bool(max(stretch) < 0.0), wrong="no brake",
+        ours="largest extension {:.2f} mm in (a), {:.2f} mm in (b)".format(*stretch),
+        why="In (b) the flange has almost stopped before the surfaces part, and the tool overtakes it.")  # fmt: skip
+    gain = [(each.tool_velocity - each.flange_velocity)[start:] for each, start in zip(touching, behind, strict=True)]
+    until = [1e3 * (each.time[start + np.argmax(ahead >= 0.0)] - each.time[0])
+             for each, start, ahead in zip(touching, behind, gain, strict=True)]  # fmt: skip
+    yield Statement(
+        "slower", "Fig. 19", "During the contact the tool is slower than the robot",
+        rule="lower from the first moments of the contact to its end, in (a) and (b)",
+        holds=bool(max(map(np.max, gain)) < 0.0), wrong="mechanism for a spring",
+        ours=f"for the first {until[0]:.0f} of {a.duration:.0f} ms in (a), {until[1]:.0f} of {b.duration:.0f} in (b)",
+        why="When the robot brakes, it becomes slower than tool and object.")  # fmt: skip
     steady = [Run(frame, f"{case}, no brake") for case in ("a", "b", "a, e = 1", "b, e = 1")]
-    braked, free = ([run.final_velocity for run in each] for each in ([*both, *elastic], steady))
-    return {
-        "a": a, "b": b, "elastic": elastic, "saved": 100.0 * (1.0 - np.divide(braked, free)),
-        "shares": [_share_before_the_brake(run) for run in both],
-        "parting": [run.during_contact.flange_velocity[-1] for run in both],
-        "restitutions_felt": [
-            (run.felt_contact.object_velocity[-1] - run.felt_contact.tool_velocity[-1]) / run.impact_velocity
-            for run in both
-        ],
-        "contact": [_coupling(run.first_contact) for run in both],
-        "felt": [_coupling(run.felt_contact) for run in both],
-    }  # fmt: skip
+    saved = [100.0 * (1.0 - run.final_velocity / free.final_velocity)
+             for run, free in zip([*both, *elastic], steady, strict=True)]  # fmt: skip
+    yield Statement(
+        "control", "Section 4.2",
+        "An inelastic impact makes the dynamics of the object strictly dependent on the robot control system",
+        rule="the brake lowers V_p by a larger share than with e = 1, at both contact stiffnesses",
+        holds=bool(saved[0] > saved[2] and saved[1] > saved[3]), wrong="no brake",
+        ours="by {:.0f} % in (a) and {:.0f} % in (b), with e = 1 by {:.0f} and {:.0f} %".format(*saved))  # fmt: skip
+    yield Statement(
+        "order", "Fig. 20", "The larger impulse corresponds to a larger final velocity of the object",
+        rule="of Fig. 19a and 19b, the larger impulse gives the larger V_p", wrong="no brake",
+        holds=bool((a.impulse - b.impulse) * (a.final_velocity - b.final_velocity) > 0.0),
+        ours=f"{a.impulse:.4f}, {b.impulse:.4f} N s; {a.final_velocity:.4f}, {b.final_velocity:.4f} m/s")  # fmt: skip
+    by_22 = [run.equation_22(INELASTIC) for run in both]
+    yield Statement(
+        "equation_22", "Fig. 20", "V_p is in agreement with eq. 22",
+        rule="eq. 22 with e = 0.1 and the simulated impulse within 5 % of V_p, in both cases",
+        holds=all(abs(value / run.final_velocity - 1.0) < 0.05 for value, run in zip(by_22, both, strict=True)),
+        ours=f"eq. 22: {by_22[0]:.4f}, {by_22[1]:.4f} m/s; V_p: {a.final_velocity:.4f}, {b.final_velocity:.4f} m/s",
+        why="Eq. 22 assumes that the coupling does not change the restitution. In (b) the braking robot pulls the tool "
+        "back during the contact, so the bodies part faster. The order of the two cases is right.",
+        wrong="no brake")  # fmt: skip
 
 
-figure_20 = figure_19
+def _pictures_19(frame: pl.DataFrame) -> Iterator[Picture]:
+    sheet, _ = runs.velocities_and_forces(frame, ("(a, c) k_c = 1e5 N/m^1.5", "(b, d) k_c = 1e3 N/m^1.5"), (0.25, 0.75))
+    yield picture(
+        "figure_19", sheet, "Fig. 19: Velocities and forces for two contact stiffnesses, e = 0.1",
+        "Velocities and forces for two contact stiffnesses; k_t = 150 N/m, zeta = 1, e = 0.1.",
+        "Two columns, velocities above and forces below, against time. Left, the stiff contact: tool and object move "
+        "together at once, the object leaves at 0.87 m/s. Right, the soft contact lasts into the braking.")  # fmt: skip
+    yield picture(
+        "figure_20", runs.impulses(frame, ("k_c = 1e5 N/m^1.5", "k_c = 1e3 N/m^1.5")),
+        "Fig. 20: Impulse of the decoupling system",
+        "Impulse of the decoupling system during the contact, the two cases of Fig. 19 (paper, eq. 21).",
+        "Impulse of the coupling against time since the contact began: it rises to 0.196 N s for the stiff contact "
+        "and, later, to 0.109 N s for the soft one, falling slightly before the end.")  # fmt: skip
 
 
-def _numbers_figure_20(frame: pl.DataFrame) -> Numbers:
-    both = a, b = runs_of(frame)
-    felt = [run.felt_contact for run in both]
-    impulses_felt = [float(np.trapezoid(contact.coupling_force, contact.time)) for contact in felt]
-    nominal = np.array([run.equation_22(RESTITUTION, run.impulse) for run in both])
-    nominal_felt = np.array([run.equation_22(RESTITUTION, J) for run, J in zip(both, impulses_felt, strict=True)])
-    velocities_felt = np.array([contact.object_velocity[-1] for contact in felt])
-    return {
-        "a": a, "b": b, "same_order": (a.impulse - b.impulse) * (a.final_velocity - b.final_velocity),
-        "identity": max(abs(run.equation_22(run.restitution, run.impulse) / run.final_velocity - 1.0) for run in both),
-        "drawn_error": max(abs(run.running_impulse()[1][-1] / run.impulse - 1.0) for run in both),
-        "nominal": nominal, "nominal_error": np.abs(nominal / [run.final_velocity for run in both] - 1.0),
-        "velocities_felt": velocities_felt,
-        "nominal_felt": nominal_felt, "nominal_error_felt": np.abs(nominal_felt / velocities_felt - 1.0),
-    }  # fmt: skip
+FIGURES = (
+    Figure(figure_16, _statements_16, _pictures_16),
+    Figure(figure_17, _statements_17, _pictures_17),
+    Figure(figure_18, _statements_18, _pictures_18),
+    Figure(figure_19, _statements_19, _pictures_19),
+)

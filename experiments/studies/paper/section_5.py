@@ -1,59 +1,34 @@
-"""Section 5, the bistable mechanism: Fig. 22 to 25. The restitution is 0.1, the contact stiffness 1e3 N/m^1.5."""
+"""Section 5, the bistable mechanism: Fig. 23 and 24. The restitution is 0.1, the contact stiffness 1e3 N/m^1.5."""
 
-import math
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import polars as pl
 
-import impact_gym as ig
-from experiments.lab.scenes import HOLD, LINEAR, MECHANISM, MOTION, scene
+from experiments.lab.charts import SERIES
+from experiments.lab.parts import Picture
+from experiments.lab.scenes import HOLD, LINEAR, MECHANISM, MOTION, OBJECT_MASS, scene
 from experiments.lab.study import Row
-from experiments.studies.paper.runs import Array, Numbers, Run, histories, runs_of, where
+from experiments.studies.paper.models import PAPER, Model
+from experiments.studies.paper.runs import histories, impulses, panels, picture, runs_of, velocities_and_forces, where
+from experiments.studies.paper.statements import Figure, Reading, Statement
 
-HEIGHTS = (0.020, 0.024, 0.028, 0.032, 0.035)  # m, heights H of the mechanism
-POSITIONS = np.linspace(-0.06, 0.06, 241)  # m, of the slider, within the stroke of every H
-
-
-def figure_22() -> list[Row]:
-    """Evaluate the force of eq. 23-24 over the slider's position, for each height H."""
-    rows: list[Row] = []
-    for height in HEIGHTS:
-        mechanism = ig.Bistable(MECHANISM.stiffness, MECHANISM.free_length, height)
-        peak = math.sqrt((mechanism.free_length * height**2) ** (2 / 3) - height**2)  # m, position of the largest force
-        for x in sorted({*POSITIONS.tolist(), peak, -peak, MECHANISM.front_stop}):
-            rows.append({"height": height, "position": x, "force": float(mechanism.force(x))})
-    return rows
+FORCES = np.linspace(0.5, 2.0, 31)  # factors on the force of the mechanism
 
 
-def _numbers_figure_22(frame: pl.DataFrame) -> Numbers:
-    columns, used = where(frame), where(frame, height=MECHANISM.height)
-    product, force = columns["position"] * columns["force"], used["force"]
-    peaks = [where(frame, height=height)["force"].max() for height in HEIGHTS]
-    return {
-        "product": product[columns["position"] != 0.0], "relaxed": 1e3 * MECHANISM.stroke,
-        "peak_steps": np.diff(peaks), "peak_ends": [peaks[0], peaks[-1]],
-        "peak": force.max(), "peak_at": 1e3 * used["position"][np.argmax(force)],
-        "stop": force[used["position"] == MECHANISM.front_stop][0], "hold": HOLD,
-    }  # fmt: skip
-
-
-def figure_23() -> pl.DataFrame:
+def figure_23(model: Model = PAPER) -> pl.DataFrame:
     """Simulate Fig. 23a (mechanism) and 23b (spring and damper)."""
-    return histories({"a": scene(1e3, 0.1, MECHANISM), "b": scene(1e3, 0.1, LINEAR)})
+    return histories(model, {"a": scene(1e3, 0.1, MECHANISM), "b": scene(1e3, 0.1, LINEAR)})
 
 
-def _slider(trace: ig.Trace) -> tuple[Array, float]:
-    """Return the slider's positions from the alignment (m), and the time of its first passage (s; inf: no passage)."""
-    # the trace begins with the slider at rest, pressed slightly into its elastic front stop
-    start = MECHANISM.front_stop + float(MECHANISM.force(MECHANISM.front_stop)) / MECHANISM.stop_stiffness
-    x = start + trace.tool_position - trace.flange_position
-    passed = np.flatnonzero((x[:-1] > 0.0) & (x[1:] <= 0.0))
-    return x, float(trace.time[passed[0] + 1]) if passed.size else np.inf
-
-
-def _numbers_figure_23(frame: pl.DataFrame) -> Numbers:
-    (run, linear), (x, snap) = runs_of(frame), _slider(Run(frame, "a").trace)
+def _statements_23(frame: pl.DataFrame) -> Iterator[Statement]:
+    run, linear = runs_of(frame)
     trace, time, tool = run.trace, run.trace.time, run.trace.tool_velocity
+    x = MECHANISM.rest + trace.tool_position - trace.flange_position  # m, of the slider; the trace begins at rest
+    passes = np.flatnonzero((x[:-1] > 0.0) & (x[1:] <= 0.0))
+    snap = float(time[passes[0] + 1]) if passes.size else np.inf  # s, first passage of the alignment
     touch = int(np.argmax(run.contact > 0))
     first_phase = (time >= time[touch]) & (time < snap)
     slowed = int(np.argmax(first_phase & (tool <= 0.4)))
@@ -61,42 +36,151 @@ def _numbers_figure_23(frame: pl.DataFrame) -> Numbers:
     steady = settling & np.append(np.diff(time) > 0.0, False)  # an event has two points at one time
     rate = np.abs(np.diff(tool)[steady[:-1]] / np.diff(time)[steady[:-1]])
     plateau = tool[steady][np.argmin(rate)]  # m/s, tool velocity at the smallest `rate`
-    at_stop = int(np.argmax((time > snap) & (x <= MECHANISM.rear_stop)))
-    ahead = np.abs(tool - trace.flange_velocity)
-    gap = (trace.object_position - trace.tool_position)[np.flatnonzero(run.contact)[-1] + 1 :]
-    moving_back = trace.coupling_force[(run.contact > 0) & (x < MECHANISM.front_stop) & (x > 0.0)]
-    fall, tool_felt = time[slowed] - time[touch], run.felt_contact.tool_velocity[-1]
-    return {
-        "bistable": run, "linear": linear, "lag": ahead[:touch].max(), "plateau": plateau,
-        "fall": 1e3 * fall, "fall_rate": 0.6 / fall, "fall_over_brake": 0.6 / fall / MOTION.deceleration,
-        "share": 100 * trace.object_velocity[slowed] / run.final_velocity,
-        "tool_felt": tool_felt, "tool_felt_from_04": abs(tool_felt - 0.4),
-        "change": np.ptp(tool[settling]), "snap": snap,
-        "loss": plateau - tool[(time > snap) & (time < time[at_stop])].min(initial=np.inf),
-        "at_stop": at_stop, "stop_time": time[at_stop], "difference": ahead[time > time[at_stop] + 0.02].max(),
-        "from_stop": np.abs(x[time > time[-1] - 0.5] - MECHANISM.rear_stop), "x_last": 1e3 * x[-1],
-        "largest": run.during_contact.coupling_force.max(),
-        "largest_linear": linear.during_contact.coupling_force.max(),
-        "force_steps": np.diff(moving_back), "force_ends": moving_back[[0, -1]], "gap": gap, "gap_last": gap[-1],
-        "parting_time": run.during_contact.time[-1],
-    }  # fmt: skip
+    fall = 1e3 * (time[slowed] - time[touch])  # ms
+    yield Statement(
+        "plateau", "Fig. 23a", "The velocity of the tool changes from 1.0 m/s to 0.4 m/s",
+        rule="0.4 m/s to the printed digit, where the velocity changes least between impact and snap-through",
+        holds=abs(plateau - 0.4) <= 0.05, ours=f"{plateau:.3f} m/s", wrong="half the speed")  # fmt: skip
+    yield Statement(
+        "deceleration", "Fig. 23a",
+        "The tool is subjected to a hard deceleration: its velocity changes nearly instantaneously",
+        rule="over before the robot can begin to brake, within 16 ms", holds=fall < 16.0,
+        ours=f"from 1.0 to 0.4 m/s in {fall:.1f} ms", why="At k_c = 1e3 the contact is soft.",
+        wrong="contact 100 times as soft",
+        reading=Reading("harder than the robot's own braking, 8 m/s^2", 600.0 / fall > MOTION.deceleration,
+                        f"{600.0 / fall:.0f} m/s^2 on average"))  # fmt: skip
+    share = 100 * trace.object_velocity[slowed] / run.final_velocity
+    yield Statement(
+        "complete", "Fig. 23a", "At 0.4 m/s the effect of the collision is complete",
+        rule="the object has at least 95 % of V_p at that instant", holds=bool(share >= 95.0),
+        ours=f"the object has {share:.0f} % of V_p by then",
+        why="At e = 0.1 the contact force falls slowly and accelerates the object further.")  # fmt: skip
+    change, at_stop = np.ptp(tool[settling]), int(np.argmax((time > snap) & (x <= MECHANISM.rear_stop)))
+    loss = plateau - tool[(time > snap) & (time < time[at_stop])].min(initial=np.inf)
+    yield Statement(
+        "crosses", "Fig. 23a",
+        "When the velocity seems to stabilize, the tool crosses the vertical alignment position and is pulled back",
+        rule="changes by less than 0.05 m/s before the crossing, by more than 0.2 m/s between crossing and rear stop",
+        holds=bool(change < 0.05 and snap < np.inf and loss > 0.2), wrong="contact 100 times as soft",
+        ours=f"changes by {change:.3f} m/s until the crossing at {snap:.3f} s, then by {loss:.2f} m/s")  # fmt: skip
+    difference = np.abs(tool - trace.flange_velocity)[time > time[at_stop] + 0.02].max()
+    yield Statement(
+        "adapts", "Fig. 23a",
+        "The tool velocity suddenly adapts to the robot velocity when the tool hits the robot flange",
+        rule="within 0.05 m/s of the robot's from 20 ms after the rear stop on",
+        holds=bool(at_stop > 0 and difference < 0.05),
+        ours=f"from 20 ms after the rear stop on, they differ by {difference:.3f} m/s at most",
+        wrong="half the speed")  # fmt: skip
+    from_stop = 1e3 * np.abs(x[time > time[-1] - 0.5] - MECHANISM.rear_stop).max()
+    yield Statement(
+        "kept", "Section 5",
+        "The tool is pulled back against the left constraint and is kept there by the elastic force",
+        rule="within 0.1 mm of the rear stop from 0.5 s before the end of the run on", holds=bool(from_stop < 0.1),
+        ours=f"within {from_stop:.3f} mm", wrong="half the speed")  # fmt: skip
+    largest = [each.during_contact.coupling_force.max() for each in (run, linear)]
+    yield Statement(
+        "force", "Fig. 23c, d", "The force of the bistable mechanism is lower than that of spring and damper",
+        rule="largest force during the contact in (a) below that in (b)", holds=bool(largest[0] < largest[1]),
+        ours=f"at most {largest[0]:.2f} N against {largest[1]:.2f} N", wrong="mechanism for a spring")  # fmt: skip
+    back = trace.coupling_force[(run.contact > 0) & (x < MECHANISM.front_stop) & (x > 0.0)]
+    yield Statement(
+        "force_falls", "Fig. 23c",
+        "The force generated in the bistable mechanism decreases when the end-effector is compressed",
+        rule="falls from each point to the next while the slider moves from the front stop to the alignment",
+        holds=bool(back.size > 1 and (np.diff(back) < 0.0).all()), wrong="spring for a mechanism",
+        ours=f"from {back[0]:.2f} N to {back[-1]:.2f} N" if back.size else "")  # fmt: skip
+    gap, parted = (
+        (trace.object_position - trace.tool_position)[np.flatnonzero(run.contact)[-1] + 1 :],
+        run.during_contact.time[-1],
+    )
+    yield Statement(
+        "separated", "Fig. 23a", "The tool is separated from the object after the collision",
+        rule="one contact, over before the slider reaches its rear stop, and the faces never meet again",
+        holds=bool(run.contacts == 1 and parted < time[at_stop] and (gap > -1e-9).all()), wrong="half the speed",
+        ours=f"{run.contacts} contact, over {1e3 * (time[at_stop] - parted):.0f} ms before the rear stop")  # fmt: skip
+    yield Statement(
+        "velocity", "Fig. 23", "The bistable mechanism gives a lower V_p than spring and damper",
+        rule="V_p in (a) below that in (b)", holds=bool(run.final_velocity < linear.final_velocity),
+        ours=f"{run.final_velocity:.4f} m/s against {linear.final_velocity:.4f} m/s",
+        wrong="mechanism for a spring")  # fmt: skip
+    yield Statement(
+        "impulse", "Fig. 24", "The bistable mechanism leads to a reduction in the impulse transmitted to the object",
+        rule="impulse of the coupling over the contact in (a) below that in (b)",
+        holds=bool(run.impulse < linear.impulse), ours=f"{run.impulse:.4f} N s against {linear.impulse:.4f} N s",
+        wrong="mechanism for a spring")  # fmt: skip
 
 
-figure_24 = figure_23
+def _pictures_23(frame: pl.DataFrame) -> Iterator[Picture]:
+    titles = "bistable mechanism", "linear spring-damper"
+    sheet, axes = velocities_and_forces(frame, ("(a, c) " + titles[0], "(b, d) " + titles[1]), (0.25, 0.6))
+    axes[2].set_ylim(-3.0, 8.2)
+    yield picture(
+        "figure_23", sheet, "Fig. 23: End-effector with bistable mechanism and with linear spring-damper",
+        "Velocities and forces, bistable mechanism (a, c) and linear spring-damper (b, d); e = 0.1, k_c = 1e3.",
+        "Two columns, velocities above and forces below, against time. Left, bistable: the tool falls from 1.0 to 0.4 "
+        "m/s, crosses the alignment and is pulled back to the flange; the object leaves at 0.45 m/s.")  # fmt: skip
+    yield picture(
+        "figure_24", impulses(frame, titles), "Fig. 24: Impulse of the decoupling system",
+        "Impulse of the decoupling system during the contact, the two cases of Fig. 23 (paper, eq. 21).",
+        "Impulse of the coupling against time since the contact began: the linear spring-damper rises above 0.13 N s "
+        "and ends at 0.079 N s, the bistable mechanism ends near 0.006 N s.")  # fmt: skip
 
 
-def _numbers_figure_24(frame: pl.DataFrame) -> Numbers:
-    both = a, b = runs_of(frame)
-    equation_22 = [run.equation_22(run.restitution, run.impulse) / run.final_velocity for run in both]
-    return {"a": a, "b": b, "identity": max(abs(ratio - 1.0) for ratio in equation_22)}
+def beyond_holding(model: Model = PAPER) -> pl.DataFrame:
+    """Simulate Fig. 23a with weaker and stronger mechanisms, then with other contacts (`force` is null)."""
+    rows: list[Row] = []
+    for factor in FORCES:
+        mechanism = replace(MECHANISM, stiffness=factor * MECHANISM.stiffness)
+        outcome, trace = model.trace(scene(1e3, 0.1, mechanism))
+        before = trace.time < outcome.contacts[0].start
+        lag = 1e3 * (trace.flange_position - trace.tool_position)[before].max()
+        rows.append({"force": mechanism.holding_force, "lag": lag, "object_velocity": outcome.object_velocity})
+    contacts = [
+        {"contact_stiffness": k_c, "restitution": e, "contacts": len(model.simulate(scene(k_c, e, MECHANISM)).contacts)}
+        for k_c, e in product((1e3, 1e4, 1e5), (0.1, 0.3, 0.5, 0.7, 1.0))
+    ]
+    return pl.concat([pl.DataFrame(rows), pl.DataFrame(contacts)], how="diagonal")
 
 
-def figure_25() -> pl.DataFrame:
-    """Simulate a tool that is fixed to the robot, and a tool on the mechanism."""
-    return histories({"rigid": scene(1e3, 0.1), "bistable": scene(1e3, 0.1, MECHANISM)})
+def _statements_holding(frame: pl.DataFrame) -> Iterator[Statement]:
+    rows = where(frame.filter(pl.col("force").is_not_null()))
+    held = rows["force"] >= HOLD
+    lag, velocity = (rows["lag"][~held].min(), rows["lag"][held].max()), rows["object_velocity"][held]
+    yield Statement(
+        "keeps", "Section 5",
+        "The positive force should be large enough to keep the tool in position before the impact",
+        rule="the tool leaves the front stop (by 0.1 mm) exactly if the force is below m_t times the acceleration",
+        holds=bool(lag[0] > 0.1 > lag[1]), wrong="tool 4 times as heavy",
+        ours=f"below {HOLD:g} N it lags by at least {lag[0]:.2f} mm, above by at most {lag[1]:.3f} mm")  # fmt: skip
+    yield Statement(
+        "least", "Section 5",
+        "At the same time, the force should be as small as possible to minimize the impulse transmitted to the object",
+        rule="of the forces that keep the tool, a larger one always gives the object a larger impulse, m_p V_p",
+        holds=bool((np.diff(velocity) > 0.0).all()), wrong="spring for a mechanism",
+        ours=f"{1e3 * OBJECT_MASS * velocity[0]:.1f} N ms with {rows['force'][held][0]:.2f} N, "
+        f"{1e3 * OBJECT_MASS * velocity[-1]:.1f} N ms with {rows['force'][-1]:.2f} N")  # fmt: skip
+    contacts = where(frame.filter(pl.col("contacts").is_not_null()))["contacts"]
+    yield Statement(
+        "no_rebounds", "Section 5 and 6",
+        "The system has to prevent rebounds of the tool; the bi-stable mechanism meets this requirement",
+        rule="one contact at k_c of 1e3, 1e4 and 1e5 and e from 0.1 to 1", holds=bool(contacts.max() == 1),
+        ours=f"one contact in {(contacts == 1).sum()} of {contacts.size} scenes",
+        wrong="spring for a mechanism")  # fmt: skip
 
 
-def _numbers_figure_25(frame: pl.DataFrame) -> Numbers:
-    fixed, bistable = (Run(frame, case) for case in ("rigid", "bistable"))
-    reduction = 100.0 * (1.0 - bistable.final_velocity / fixed.final_velocity)
-    return {"fixed": fixed, "bistable": bistable, "reduction": reduction}
+def _pictures_holding(frame: pl.DataFrame) -> Iterator[Picture]:
+    sheet, (axes,) = panels(7.0, 4.4)
+    axes.plot(frame["force"], frame["object_velocity"], ".-", color=SERIES[0])
+    axes.axvline(HOLD, color=SERIES[1], label="m_t times the acceleration")
+    axes.set(xlabel="holding force of the mechanism (N)", ylabel="final object velocity V_p (m/s)")
+    axes.legend()
+    yield picture(
+        "beyond_holding", sheet, "Ours: Weaker and stronger mechanisms",
+        "V_p against the force with which the mechanism of Fig. 23 holds the tool. Right of the line it suffices.",
+        "V_p against the holding force: smallest near 1 N, where the mechanism just keeps the tool.")  # fmt: skip
+
+
+FIGURES = (
+    Figure(figure_23, _statements_23, _pictures_23),
+    Figure(beyond_holding, _statements_holding, _pictures_holding),
+)

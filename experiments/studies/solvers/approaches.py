@@ -76,14 +76,13 @@ class Solution:
     detection_time: float = math.nan  # s; nan: there was no alarm
     contacts: int = 0
     passes: int = 0  # number of times that the slider passes its alignment
-    steps: int = 0  # steps of the integrator, 0 if unknown
 
     @classmethod
     def of(cls, outcome: Any, duration: float) -> "Solution":
         """Return the solution in an outcome of `ig.simulate` or `reference.simulate`; the run lasted `duration` (s)."""
         lasted = sum((duration if contact.end is None else contact.end) - contact.start for contact in outcome.contacts)
         detection = math.nan if outcome.detection_time is None else outcome.detection_time
-        counts = len(outcome.contacts), len(outcome.snap_through), getattr(outcome, "steps", 0)
+        counts = len(outcome.contacts), len(outcome.snap_through)
         return cls(outcome.object_velocity, outcome.peak_force, lasted, detection, *counts)
 
 
@@ -94,13 +93,8 @@ def kind(of: ig.Scene) -> str:
     return couplings[type(of.coupling)] + robots[type(of.robot)]
 
 
-def approach_of(name: str) -> Approach:
-    """Return the named approach."""
-    return {approach.name: approach for approach in named()}[name]
-
-
-def named() -> tuple[Approach, ...]:
-    """Return the six named approaches."""
+def named() -> dict[str, Approach]:
+    """Return the six named approaches, by name."""
     soft, spring = ig.SpringDamper(50.0), ig.SpringDamper(150.0)
     # as in Fig. 23, but just below 0.97724 m/s; above this speed the slider stays past its alignment
     speed = 0.9772  # m/s
@@ -108,7 +102,7 @@ def named() -> tuple[Approach, ...]:
     distance = speed**2 / (2 * MOTION.acceleration) + speed * (DISTANCE - 1 / (2 * MOTION.acceleration))
     held, heavy = scene(1e3, 0.1, ig.Bistable(), distance=distance), scene(1e6, 1.0, spring, object_mass=1.0)
     slow, below = "k_c 1e8, e 0.1, no brake: the second contact is slow", "bistable, 4e-5 m/s below its threshold"
-    return (
+    approaches = (
         Approach("soft", "k_c 1e3, e 0.7, spring 50 N/m", scene(1e3, 0.7, soft), MOTION, 1.5),
         Approach("stiff", "k_c 1e8, e 0.7, spring 50 N/m: two short contacts", scene(1e8, 0.7, soft), MOTION, 1.5),
         Approach("inelastic", "k_c 1e5, e 0.02 (d = 73.5), spring 50 N/m", scene(1e5, 0.02, soft), MOTION, 1.5),
@@ -116,6 +110,7 @@ def named() -> tuple[Approach, ...]:
         Approach("pushed", slow, scene(1e8, 0.1, spring), CRUISE, 0.8),
         Approach("bistable", below, held, at_threshold, 1.5),
     )
+    return {approach.name: approach for approach in approaches}
 
 
 class _Draw:

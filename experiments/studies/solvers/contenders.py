@@ -1,9 +1,7 @@
 """Errors and processor times (one thread) of contenders, which are solvers that compute an approach."""
 
 import math
-import signal
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from time import thread_time
 from typing import Any
@@ -11,17 +9,17 @@ from typing import Any
 import impact_gym as ig
 from experiments import reference
 from experiments.lab.study import Row
-from experiments.studies.solvers.approaches import Approach, Solution, approach_of
-from experiments.studies.solvers.taylor import Run
+from experiments.studies.solvers.approaches import Approach, Solution, named
+from experiments.studies.solvers.taylor import TaylorApproach
 
-OURS, CAREFUL, PEER = "impact_gym", "SciPy", "heyoka"  # "SciPy": `experiments.reference` with METHODS of SciPy
+OURS, SCIPY, HEYOKA = "impact_gym", "SciPy", "heyoka"  # "SciPy": `experiments.reference` with METHODS of SciPy
 METHODS = ("RK45", "DOP853", "LSODA", "Radau")
 # modules on which the rows of contenders depend, in addition to `experiments.lab.study.SOLVER`
 JUDGES = ("experiments.reference", "experiments.lab.scenes", "experiments.studies.solvers")
 MISCOUNTED, WRONG, NOT_FINITE, GAVE_UP = "V_p right, events miscounted", "V_p wrong", "not finite", "gave up"
 TOO_WRONG = 1e-2  # m/s, error of V_p above which a contender has failed
-TRUE_RTOL, SECOND_RTOL = 1e-13, 1e-11  # rtol of DOP853, which computes the truth, and of Radau, which checks the truth
-LEAST, MOST_CALLS = 5e-3, 10_000  # a call is repeated until its times sum up to LEAST (s), at most MOST_CALLS times
+TRUE_RTOL = 1e-13  # rtol of the slow solver that computes the truth
+LEAST, MOST_CALLS = 2e-2, 2000  # a call is repeated until its times sum up to LEAST (s), at most MOST_CALLS times
 SLOW = 0.2  # s; a longer call is timed only in the first round
 
 
@@ -41,32 +39,10 @@ def failure(solution: Solution, truth: Solution, allowed: float) -> str:
 
 
 def true_row(approach: str) -> list[Row]:
-    """Return the truth for a named approach, computed with DOP853, and how Radau's solution differs from it."""
-    found = approach_of(approach)
-    best, second = (
-        Solution.of(reference.simulate(*found.run, rtol=rtol, method=method), found.duration)
-        for rtol, method in ((TRUE_RTOL, "DOP853"), (SECOND_RTOL, "Radau"))
-    )
-    doubt = {"velocity_doubt": abs(second.velocity - best.velocity)}
-    counts = {"second_contacts": second.contacts, "second_passes": second.passes}
-    return [{"description": found.description} | asdict(best) | counts | doubt]
-
-
-@contextmanager
-def limited(seconds: float) -> Iterator[None]:
-    """Raise TimeoutError when the block has used `seconds` of processor time."""
-
-    def late(*_: Any) -> None:
-        raise TimeoutError
-
-    before = signal.signal(signal.SIGPROF, late)
-    # the signal is repeated every 0.01 s, because an error that is raised in a destructor is lost
-    signal.setitimer(signal.ITIMER_PROF, seconds, 0.01)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_PROF, 0.0)
-        signal.signal(signal.SIGPROF, before)
+    """Return the truth for a named approach, computed by the slow solver with DOP853."""
+    found = named()[approach]
+    outcome = reference.simulate(*found.run, rtol=TRUE_RTOL, method="DOP853")
+    return [{"description": found.description} | asdict(Solution.of(outcome, found.duration))]
 
 
 def solved(approach: Approach, name: str, setting: float) -> tuple[Solution, float]:
@@ -76,11 +52,11 @@ def solved(approach: Approach, name: str, setting: float) -> tuple[Solution, flo
     without METHODS. heyoka: time in the library.
     """
     kind, _, method = name.partition(" ")
-    if kind == CAREFUL:
+    if kind == SCIPY:
         outcome = reference.simulate(*approach.run, rtol=setting, method=method)
         return Solution.of(outcome, approach.duration), outcome.contact_seconds
-    if kind == PEER:
-        run = Run(*approach.run, setting)
+    if kind == HEYOKA:
+        run = TaylorApproach(*approach.run, setting)
         return run.solve(), run.seconds
     begun = thread_time()
     ours = ig.simulate(*approach.run, setting)
@@ -89,25 +65,25 @@ def solved(approach: Approach, name: str, setting: float) -> tuple[Solution, flo
 
 
 def judged(approach: Approach, name: str, setting: float, truth: Solution) -> Row:
-    """Return time per call (µs), failure, error of V_p (m/s) and counts; after an exception, only the first two."""
+    """Return the shortest time of a call (µs), failure, error of V_p (m/s), counts; after an error, the first two."""
     try:
-        if name == PEER:  # the first call compiles
+        if name == HEYOKA:  # the first call compiles
             solved(approach, name, setting)
         solution, seconds = solved(approach, name, setting)
-        calls = 1
-        while seconds < LEAST and calls < MOST_CALLS:
-            seconds, calls = seconds + solved(approach, name, setting)[1], calls + 1
+        times = [seconds]
+        while sum(times) < LEAST and len(times) < MOST_CALLS:
+            times.append(solved(approach, name, setting)[1])
     except Exception as problem:  # a contender's failure is a result
         reason = f"{GAVE_UP}: {type(problem).__name__}: {problem}".replace("\n", " ")
         return {"microseconds": math.inf, "failure": reason}
-    counts = {name: getattr(solution, name) for name in ("contacts", "passes", "steps")}
-    found = {"microseconds": 1e6 * seconds / calls, "velocity_error": abs(solution.velocity - truth.velocity)}
+    counts = {name: getattr(solution, name) for name in ("contacts", "passes")}
+    found = {"microseconds": 1e6 * min(times), "velocity_error": abs(solution.velocity - truth.velocity)}
     return {**found, "failure": failure(solution, truth, TOO_WRONG), **counts}
 
 
 def timed(approach: str, truth: Mapping[str, Any], settings: Sequence[tuple[str, float]], rounds: int) -> list[Row]:
     """Return a row of `judged` for each setting (contender, rtol), with the shortest time of `rounds` rounds."""
-    found, true = approach_of(approach), Solution(**truth)
+    found, true = named()[approach], Solution(**truth)
     solved(found, OURS, 1e-8)  # a first call, which loads modules and tables, is not timed
     rows: dict[tuple[str, float], Row] = {}
     for _ in range(rounds):

@@ -85,8 +85,8 @@ def integrator(kind: str, touching: bool, tolerance: float, number: Any) -> tupl
     return made, names | {int(hy.taylor_outcome.time_limit): "cut"}
 
 
-class Run:
-    """One approach, integrated at a tolerance. The first run of a coupling class at a tolerance compiles code.
+class TaylorApproach:
+    """One approach, integrated at a tolerance. The first approach with a coupling class at a tolerance compiles code.
 
     `number` is the type of heyoka's numbers: float, or `heyoka.real128` with 34 digits.
     """

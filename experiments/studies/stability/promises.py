@@ -5,6 +5,8 @@ from typing import NamedTuple
 import numpy as np
 import polars as pl
 
+from experiments.lab.study import Row
+
 SLOWEST = 50.0  # ms, allowed processor time of a run
 MOMENTUM = 1e-9  # allowed ratio of the error of momentum to the impulse of a contact
 ENERGY = 1e-6  # allowed `energy_created` minus `energy_doubt`, see CHECKS in `storm`
@@ -29,20 +31,25 @@ class Promise(NamedTuple):
         reason = pl.when(FINISHED).then(number).otherwise("failure")
         return wrong.select("scene", promise=pl.lit(self.text), reason=reason, coupling="coupling")
 
-    def finding(self, rows: pl.DataFrame) -> str:
-        """Return in words how many rows break the promise, and the median and the largest value of `number`."""
-        count = self.broken(rows).height
-        broken = [f"{count} of {rows.height} scenes do not"] if count else []
-        numbers = rows.filter(self.about).select(number=self.number)["number"].drop_nulls().to_numpy()
-        if numbers.dtype == bool or not (numbers := numbers[np.isfinite(numbers)]).size:
-            return "".join(broken)
-        return ", ".join([*broken, f"median {np.median(numbers):.2g}", f"largest {numbers.max():.3g}"])
+    def finding(self, rows: pl.DataFrame) -> Row:
+        """Return the row of the table of promises: how many rows break the promise, and what `number` was."""
+        about = rows.filter(self.about)
+        return row_of(self.text, about.height, self.broken(rows).height, about.select(number=self.number)["number"])
+
+
+def row_of(text: str, scenes: int, broken: int, numbers: pl.Series) -> Row:
+    """Return a row of the table of promises; `numbers`: the promised number in each scene."""
+    known = (numbers.clear() if numbers.dtype == pl.Boolean else numbers.drop_nulls()).to_numpy()
+    known = known[np.isfinite(known)] if known.size else known
+    middle, largest = (f"{np.median(known):.3g}", f"{np.max(known):.3g}") if known.size else ("-", "-")
+    return {"promise": text, "kept": "yes" if scenes and not broken else "no", "scenes": f"{scenes:,}",
+            "scenes that break it": f"{broken:,}", "median": middle, "largest": largest}  # fmt: skip
 
 
 CREATED = pl.col("energy_created") - pl.col("energy_doubt")
 TIME = pl.col("milliseconds")  # null if the run was stopped at the time limit
 PROMISES = (
-    Promise("every run ends by itself, with an outcome", pl.col("steps"), FINISHED, pl.lit(value=True)),
+    Promise("every run ends by itself, with an outcome", FINISHED, FINISHED, pl.lit(value=True)),
     Promise("every number is finite", pl.col("finite"), pl.col("finite")),
     Promise("slowest run under 50 ms", TIME, TIME < SLOWEST, FINISHED | TIME.is_not_null()),
     Promise("momentum error under 1e-9 of the impulse", pl.max_horizontal("momentum_error", "impulse_error"),
@@ -75,9 +82,7 @@ def agreement(storm: pl.DataFrame, truths: pl.DataFrame) -> pl.DataFrame:
     return storm.join(known, on="scene").with_columns(velocity_error=error).with_columns(apart=apart)
 
 
-def over_agreement(judged: pl.DataFrame, unknown: int) -> tuple[str, str, bool]:
-    """Return promise, finding and verdict about V_p; the independent solver failed in `unknown` scenes."""
-    apart, errors = judged.filter("apart").height, judged["velocity_error"].drop_nans().to_numpy()
-    words = f"{apart} of {judged.height} do not, the independent solver failed in {unknown}"
-    words += f", median {np.median(errors):.1e}" if errors.size else ""
-    return "V_p within 1e-6 of the independent solver, on 2 %", words, judged.height > 0 and apart == 0
+def over_agreement(judged: pl.DataFrame) -> Row:
+    """Return the row of the promise about V_p, on the scenes that the independent solver solved."""
+    text = "V_p within 1e-6 of the independent solver"
+    return row_of(text, judged.height, judged.filter("apart").height, judged["velocity_error"])

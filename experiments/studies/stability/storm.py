@@ -26,15 +26,13 @@ from experiments import reference
 from experiments.lab.study import Row
 from experiments.reference.laws import damping_factor
 from experiments.studies.solvers.approaches import Approach, Solution, storm
-from experiments.studies.solvers.contenders import limited
 from impact_gym.physics.impact import GRAVITY
 
 NEVER = 1e6  # s, taken as the end of an unfinished contact
 AGAIN_OVER = 20.0  # ms; a longer run is timed again, because a first run also loads modules and tables
 LONGEST_TRACE = 50_000  # largest number of steps of a run with a trace; a longer trace would fill the memory
 FINER = 1e-10  # `rtol` of a second run, made for each scene that has a trace
-STIFF = 20.0  # damping factor d above which the independent solver tries Radau first
-TRUE_RTOL = {"DOP853": 1e-11, "Radau": 1e-10}
+STIFF = 20.0  # damping factor d above which the independent solver uses Radau
 CHECKS = ("momentum_error", "impulse_error", "energy_created", "energy_doubt", "pull")
 """Columns with the checks of a run: ratios for the worst contact, or 0 if there was no contact.
 
@@ -84,22 +82,14 @@ def storm_row(number: int) -> list[Row]:
     return [row_of(storm(number))]
 
 
-def truth_row(number: int, patience: float) -> list[Row]:
-    """Solve scene `number` by the independent solver; if one method fails or exceeds `patience` (s), try the other."""
+def truth_row(number: int) -> list[Row]:
+    """Return the row of the independent solver for scene `number`, in a list."""
     approach = storm(number)
     law = approach.scene.contact
     d = damping_factor(law.dissipation, law.restitution, law.stiffness_exponent, law.damping_exponent)
-    first, second = sorted(TRUE_RTOL, reverse=d > STIFF)
-
-    def row(method: str) -> list[Row]:
-        with limited(patience):
-            outcome = reference.simulate(*approach.run, rtol=TRUE_RTOL[method], method=method)
-        return [{**approach.about, "failure": "", "method": method, **vars(Solution.of(outcome, approach.duration))}]
-
-    try:
-        return row(first)
-    except Exception:
-        return row(second)
+    method, rtol = ("Radau", 1e-10) if d > STIFF else ("DOP853", 1e-11)
+    solution = Solution.of(reference.simulate(*approach.run, rtol=rtol, method=method), approach.duration)
+    return [{**approach.about, "failure": "", "method": method, **vars(solution)}]
 
 
 def finite(outcome: ig.Outcome) -> bool:

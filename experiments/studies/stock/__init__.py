@@ -24,17 +24,20 @@ from agents.setups import load_setup
 from experiments.lab.charts import OTHERS, SERIES
 from experiments.lab.parts import Picture, Section, Table
 from experiments.lab.study import Cell, Findings, Frames, Measurement, Row, Study
+from experiments.studies import QUESTIONS
 
 ALGORITHMS = {
     "ppo": "stable_baselines3:PPO", "sac": "stable_baselines3:SAC", "td3": "stable_baselines3:TD3",
     "tqc": "sb3_contrib:TQC", "crossq": "sb3_contrib:CrossQ",
 }  # fmt: skip
+LABELS = {name: kind.rpartition(":")[2] for name, kind in ALGORITHMS.items()}
 FIRST = "linear-blind"
 SETUPS = {  # set-ups with the arguments of these ids
     FIRST: "ImpactApproach-v0", "rigid-blind": "ImpactApproachRigid-v0",
     "bistable-paper": "ImpactApproachBistable-v0", "linear-ranged": "ImpactApproachRanged-v0",
 }  # fmt: skip
-MARKS = (10, 20, 30, 60, 120, 180, 300, 600)  # s of processor time, without the time of the evaluations
+MARKS = (10, 30, 60, 120, 180)  # s of processor time, without the time of the evaluations
+COMPARED = ("paper's rule", "tuned profile", "shipped policy")
 FIRST_SEED, SCENARIOS, WEIGHT = 41_000_000, 500, 2.0  # test scenarios: first seed, number, time weight (m/s per s)
 
 
@@ -97,10 +100,8 @@ def trained(algorithm: str, setup: str, seed: int, settings: dict[str, Any]) -> 
 def other_costs(setup: str) -> list[Row]:
     """Return the costs of the paper's rule, the tuned profile and the shipped policy in a set-up."""
     about = load_setup(setup)
-    names = {"rule": "paper-trapezoid", "profile": about.against[0]}
-    compared = {name: controller_of({"baseline": baseline}, WEIGHT, about.task) for name, baseline in names.items()}
-    compared["policy"] = load_policy(setup)
-    return [{name: cost_of(controller, setup) for name, controller in compared.items()}]
+    rules = (controller_of({"baseline": name}, WEIGHT, about.task) for name in ("paper-trapezoid", about.against[0]))
+    return [{name: cost_of(each, setup) for name, each in zip(COMPARED, (*rules, load_policy(setup)), strict=True)}]
 
 
 def chart(found: pl.DataFrame, costs: Mapping[str, float]) -> Figure:
@@ -109,7 +110,7 @@ def chart(found: pl.DataFrame, costs: Mapping[str, float]) -> Figure:
     axes = figure.subplots()
     for algorithm, colour in zip(ALGORITHMS, (SERIES[1], *SERIES[3:], OTHERS), strict=True):
         rows = found.filter(algorithm=algorithm)
-        axes.plot(rows["seconds"], rows["median"], "o-", color=colour, label=algorithm.upper(), markersize=4)
+        axes.plot(rows["seconds"], rows["median"], "o-", color=colour, label=LABELS[algorithm], markersize=4)
         axes.fill_between(rows["seconds"], rows["low"], rows["high"], color=colour, alpha=0.12, linewidth=0.0)
     for (words, cost), style in zip(costs.items(), ("--", "-", ":"), strict=True):
         axes.axhline(cost, color=SERIES[0], linestyle=style, linewidth=1.2, label=words)
@@ -122,35 +123,49 @@ def chart(found: pl.DataFrame, costs: Mapping[str, float]) -> Figure:
 def analyse(frames: Frames, _: bool) -> Findings:
     """Compare the algorithms at each time in MARKS and at the end."""
     frame = pl.concat([frames[algorithm] for algorithm in ALGORITHMS], how="diagonal_relaxed")
-    groups, cost = frame.group_by("algorithm", "setup", "mark", maintain_order=True), pl.col("cost")
+    groups, cost = frame.group_by("setup", "algorithm", "mark", maintain_order=True), pl.col("cost")
     found = groups.agg(pl.median("seconds"), median=cost.median(), low=cost.min(), high=cost.max(), count=pl.len())
-    found = found.join(frames["others"], "setup").with_columns(id=pl.col("setup").replace(SETUPS))
-    columns = {"Algorithm": "{algorithm}", "at": "{mark}", "processor time (s)": "{seconds:.0f}",
-               "cost (m/s)": "{median:.3f} [{low:.3f}, {high:.3f}]", "trainings": "{count}"}  # fmt: skip
-    here, elsewhere = found.filter(setup=FIRST), found.filter(pl.col("setup") != FIRST, mark="end")
-    table = Table.of("Median [least, largest] cost of the trainings at each mark and at the end", here, columns)
-    compared = {"paper's rule": "{rule:.3f}", "tuned profile": "{profile:.3f}", "shipped policy": "{policy:.3f}"}
-    columns = {"Environment": "{id}"} | {name: columns[name] for name in columns if name != "at"} | compared
-    others = Table.of(
-        "The end of the training, beside other controllers", elsewhere.sort("setup", maintain_order=True), columns
-    )
-    best = here.filter(mark="end").sort("median").row(0, named=True)
-    costs = dict(zip(compared, (best["rule"], best["profile"], best["policy"]), strict=True))
-    answer = (f"{best['algorithm'].upper()} has the lowest median cost at the end of the training, "
-              f"{best['median']:.3f} m/s; {', '.join(f'{name}: {value:.3f} m/s' for name, value in costs.items())}."
-              )  # fmt: skip
-    picture = Picture("stock_agents", chart(here, costs), "cost of each algorithm over the training's processor time")
-    return Findings(answer, [Section("Trainings", [picture, table]), Section("Other environments", [others])])
+    ends = {(row["setup"], row["algorithm"]): row for row in found.filter(mark="end").iter_rows(named=True)}
+    text = {  # without the marks before which some trainings had ended
+        (setup, algorithm, mark): f"{median:.3f} [{low:.3f}, {high:.3f}]"
+        for setup, algorithm, mark, _, median, low, high, count in found.iter_rows()
+        if count == ends[setup, algorithm]["count"]
+    }
+    names, marks = list(dict.fromkeys(frame["algorithm"])), (*(f"{mark} s" for mark in MARKS), "end")
+    rows = []
+    for name in names:
+        end, cells = ends[FIRST, name], (text.get((FIRST, name, mark), "-") for mark in marks)
+        rows.append([LABELS[name], *cells, f"{end['seconds']:.0f}", f"{end['count']}"])
+    head = ("algorithm", *(f"{mark} (m/s)" for mark in marks), "processor time to the end (s)", "trainings")
+    caption = (f"Cost V_p + {WEIGHT:g} T in {SETUPS[FIRST]} over the processor time of the training: median [least, "
+               "largest] of the trainings; -: some had ended before")  # fmt: skip
+    costs = Table(caption, head, rows, "stock-costs")
+    compared = {setup: values for setup, *values in frames["others"].select("setup", *COMPARED).iter_rows()}
+    rows = [[SETUPS[setup], *(text[setup, name, "end"] for name in names), *(f"{value:.3f}" for value in values)]
+            for setup, values in compared.items()]  # fmt: skip
+    head = ("environment", *(f"{name} (m/s)" for name in (*map(LABELS.get, names), *COMPARED)))
+    caption = "Cost at the end of the trainings, median [least, largest], beside other controllers"
+    others = Table(caption, head, rows, "stock-others")
+    here = found.filter(setup=FIRST)
+    best = min(names, key=lambda name: ends[FIRST, name]["median"])
+    lines = dict(zip(COMPARED, compared[FIRST], strict=True))
+    answer = (f"{LABELS[best]} has the lowest median cost at the end of the training, {ends[FIRST, best]['median']:.3f}"
+              f" m/s; {', '.join(f'{name}: {value:.3f} m/s' for name, value in lines.items())}.")  # fmt: skip
+    picture = Picture("stock_agents", chart(here, lines), "cost of each algorithm over the training's processor time")
+    return Findings(answer, [Section("Trainings", [picture, costs]), Section("All environments", [others])])
 
 
 DEPENDS = ("impact_gym", "agents.evaluate", "agents.baselines", "agents.policies", "agents.setups", "agents.tuned")
 STUDY = Study(
     "stock",
-    "How good is a policy after 1, 3, 10 minutes of training with stable-baselines3?",
+    QUESTIONS["stock"],
     (
         *(Measurement(each, partial(trainings, each), trained, DEPENDS) for each in ALGORITHMS),
         Measurement(
-            "others", lambda *_: [Cell({"setup": name}, {"setup": name}) for name in SETUPS], other_costs, DEPENDS
+            "others",
+            lambda *_: [Cell(each, each) for each in ({"setup": name} for name in SETUPS)],
+            other_costs,
+            DEPENDS,
         ),
     ),
     analyse,

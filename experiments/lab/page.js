@@ -1,8 +1,14 @@
-// Tabs, links into folded parts, and printing.
+// Theme, tabs, links into folded parts, and printing.
 (() => {
+  const button = document.getElementById("theme"), order = ["system", "light", "dark"], page = document.documentElement;
+  button.addEventListener("click", () => {
+    const next = order[(order.indexOf(page.dataset.theme || "system") + 1) % 3];
+    if (next === "system") delete page.dataset.theme; else page.dataset.theme = next;
+    button.textContent = `theme: ${next}`;
+  });
+
   const tabs = [...document.querySelectorAll("[role=tab]")];
   const panelOf = (tab) => document.getElementById(tab.getAttribute("aria-controls"));
-
   const choose = (tab) => {
     for (const other of tabs) {
       const on = other === tab;
@@ -38,7 +44,7 @@
   };
   addEventListener("hashchange", follow);
 
-  // Folded parts of the selected set-up are printed, too.
+  // Folded parts that are not in a hidden tab are printed, too.
   let opened = [];
   addEventListener("beforeprint", () => {
     opened = [...document.querySelectorAll(".fold:not([open]), .fails:not([open])")]
@@ -47,7 +53,7 @@
   });
   addEventListener("afterprint", () => { for (const fold of opened) fold.open = false; });
   requestAnimationFrame(() => setTimeout(() => {
-    document.documentElement.classList.remove("fresh");
+    page.classList.remove("fresh");
     follow();
   }));
 })();

@@ -1,0 +1,40 @@
+"""`impact-gym study speed`: time of an approach at an error and by robot; step rates of environments and trainings."""
+
+from experiments.lab.study import SOLVER, Cell, Findings, Frames, Measurement, Study
+from experiments.studies import QUESTIONS
+from experiments.studies.solvers import contenders
+from experiments.studies.solvers.approaches import named
+from experiments.studies.solvers.contenders import JUDGES, OURS
+from experiments.studies.speed import precision, rates
+
+
+def analyse(frames: Frames, quick: bool) -> Findings:
+    """Return the sections of the tables that were measured."""
+    found = [precision.about_times(frames["times"])] if "times" in frames else []
+    found += [rates.about(name, frames[name]) for name in rates.TABLES if name in frames]
+    return Findings(" ".join(answer for answer, _ in found), [each for _, sections in found for each in sections])
+
+
+STUDY = Study(
+    name="speed",
+    question=QUESTIONS["speed"],
+    measurements=(
+        Measurement("truth", lambda *_: [Cell({"scene": name}, {"approach": name}) for name in named()],
+                    contenders.true_row, JUDGES),
+        Measurement(
+            "times", precision.cells, contenders.timed, (*SOLVER, *JUDGES), seconds=precision.LONGEST, processes=1,
+            failed=lambda _: {"contender": OURS, "setting": precision.FINE},
+        ),
+        # processes=0, because other processes are limited to one thread
+        Measurement("cost", lambda quick, _: [Cell({}, {"quick": quick})], rates.cost,
+                    ("impact_gym", "agents.setups", "experiments.lab.scenes"), processes=0),
+        Measurement("environments", lambda quick, _: [Cell({}, {"quick": quick})], rates.stepped,
+                    ("impact_gym", "agents"), processes=0),
+        Measurement(
+            "rates", lambda quick, _: [Cell({"set-up": name}, {"name": name, "quick": quick}) for name in rates.SETUPS],
+            rates.three_rates, ("impact_gym", "agents"), processes=0,
+        ),
+    ),
+    analyse=analyse,
+    packages=("gymnasium", "torch", "stable-baselines3"),
+)  # fmt: skip
