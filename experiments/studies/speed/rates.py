@@ -1,12 +1,12 @@
 """Time of an approach by coupling, robot and tolerance; steps per second of environments and trainings."""
 
 import io
-import json
 import tempfile
 import time
 from collections.abc import Callable
 from contextlib import redirect_stdout
 from dataclasses import replace
+from functools import partial
 from itertools import cycle
 from pathlib import Path
 from typing import Any
@@ -30,8 +30,7 @@ from impact_gym.task import evaluation_sets
 SCENES, ROUNDS = 500, 40  # number of scenes whose approaches are timed, and how many times
 ID, SCALE, BATCH_SCALE = "ImpactApproach-v0", "Pendulum-v1", "CartPole-v1"
 SIZES, BATCH = (64, 1024, 16384), 1024  # numbers of environments in a batch
-SETUPS = ("linear-blind", "bistable-blind")
-STEPS = 1_000_000  # number of environment steps of a training
+SETUPS, STEPS = ("linear-blind", "bistable-blind"), 1_000_000  # set-ups of the trainings; steps of each
 RTOL = 1e-6  # `rtol` for the paper's rule: the largest power of ten with an error of V_p below 1e-6 m/s
 MIX = 80  # number of steps before a measurement, so that episodes of 20 to 75 steps do not begin together
 Step = Callable[[], Any]
@@ -69,8 +68,8 @@ def cost(quick: bool) -> list[Row]:
     return [{"case": case, "microseconds": 1e6 * least.mean()} for case, least in zip(chosen, times, strict=True)]
 
 
-def rate(call: Step, steps: int, seconds: float, clock: Callable[[], float] = time.perf_counter) -> float:
-    """Repeat `call`, which makes `steps` steps, for `seconds` (at least once); return the steps per second."""
+def rate(call: Step, steps: int, seconds: float, clock: Callable[[], float] = time.process_time) -> float:
+    """Repeat `call`, which makes `steps` steps, for `seconds` of `clock` (at least once); return steps per second."""
     calls, spent, begun = 0, 0.0, clock()
     while spent < seconds or calls == 0:
         call()
@@ -95,12 +94,14 @@ def stepping(env: Any, act: Callable[[Any], Any] | None = None) -> Step:
 
 def stepped(quick: bool) -> list[Row]:
     """Return step rates of our and Gymnasium's environments; each rate is the highest of several measurements."""
-    batched, rule = gym.make_vec(ID, num_envs=BATCH, rtol=RTOL), PaperTrapezoid()
+    batched, rule = gym.make_vec(ID, num_envs=BATCH, rtol=RTOL, threads=1), PaperTrapezoid()
     steps = [(name, 1, stepping(gym.wrappers.Autoreset(gym.make(name)))) for name in (ID, SCALE)]
-    for name, size in [*((ID, size) for size in SIZES), (BATCH_SCALE, BATCH)]:
-        steps.append((name, size, stepping(gym.make_vec(name, size, vectorization_mode="vector_entry_point"))))
+    one: Any = {"threads": 1}
+    for name, size, options in [*((ID, size, one) for size in SIZES), (BATCH_SCALE, BATCH, {})]:
+        env = gym.make_vec(name, size, vectorization_mode="vector_entry_point", **options)
+        steps.append((name, size, stepping(env)))
     steps.append((f"{ID}, rtol 1e-6, paper's rule", BATCH, stepping(batched, lambda last: rule.predict(last[0])[0])))
-    rounds, seconds = (1, 0.03) if quick else (50, 0.05)  # short, for rates without other programs
+    rounds, seconds = (1, 0.03) if quick else (20, 0.1)
     found = np.max([[rate(step, envs, seconds) for _, envs, step in steps] for _ in range(rounds)], axis=0)
     ours = {size: best for (name, size, _), best in zip(steps, found, strict=True) if name == ID}
     return [{"environment": f"{name}, {f'batch of {size:,}' if size > 1 else 'single'}", "rate": best,
@@ -110,14 +111,14 @@ def stepped(quick: bool) -> list[Row]:
 def three_rates(name: str, quick: bool) -> list[Row]:
     """Return three step rates of a set-up: of the environment, of the environment with inference, of the training."""
     setup, policy = load_setup(name), load_policy(name)
-    count, steps, rounds = setup.training.envs, *((STEPS // 100, 1) if quick else (STEPS, 50))
+    count, steps, rounds = setup.training.envs, *((STEPS // 100, 1) if quick else (STEPS, 20))
     acts = {"random": None, "inference": lambda last: policy.predict(last[0])[0]}
-    steps_of = {what: stepping(setup.make_vec(count), act) for what, act in acts.items()}
-    rates = {what: max(rate(step, count, 0.05) for _ in range(rounds)) for what, step in steps_of.items()}
+    steps_of = {what: stepping(setup.make_vec(count, threads=1), act) for what, act in acts.items()}
+    rates = {what: max(rate(step, count, 0.1) for _ in range(rounds)) for what, step in steps_of.items()}
+    training = replace(setup.training, steps=steps, threads=1, simulation_threads=1)
     with tempfile.TemporaryDirectory() as folder, redirect_stdout(io.StringIO()):
-        options = TrainOptions(name, replace(setup.training, steps=steps, threads=1), out=Path(folder) / "run")
-        metrics = json.loads((train(options) / "metrics.json").read_text())
-    return [{"batch": count, **rates, "training": metrics["steps_per_second"]}]
+        rates["training"] = rate(partial(train, TrainOptions(name, training, out=Path(folder) / "run")), steps, 0.0)
+    return [{"batch": count, **rates}]
 
 
 TABLES = {  # for each table its heading, its caption, and the heads of its columns
@@ -126,12 +127,12 @@ TABLES = {  # for each table its heading, its caption, and the heads of its colu
         "mean over random objects; rows below the first differ from it in what they name", ("case", "time (µs)"),
     ),
     "environments": (
-        "Environments", "Steps per second of all environments of a batch, with random actions if no rule is named",
+        "Environments", "Steps per second of processor time (one core), with random actions if no rule is named",
         ("environment", "steps per second", f"ratio to {ID} in a batch of this size"),
     ),
     "rates": (
-        "Set-ups", "Steps per second of a batch with random actions or the shipped policy, and of a training with one "
-        "thread of torch",
+        "Set-ups", "Steps per second of processor time (one core): environments with random actions, with the shipped "
+        "policy, and a training",
         ("set-up", "environments", *(f"{what} (steps per second)" for what in ("random", "policy", "training"))),
     ),
 }  # fmt: skip
