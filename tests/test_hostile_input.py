@@ -34,7 +34,7 @@ from agents.policies.networks import from_arrays, to_arrays
 from agents.policies.policy import FORMAT
 from experiments.report.__main__ import ReportOptions, write
 from impact_gym import validation
-from impact_gym.files import locked, write_file
+from impact_gym.files import UNFINISHED, locked, write_file
 from impact_gym.identify import log as logs_of
 from impact_gym.identify.__main__ import parse
 from impact_gym.task import evaluation_sets
@@ -218,3 +218,6 @@ def test_file_is_written_through_links_and_over_nothing_else(tmp_path):
     for name in ("pipe", "there", "link to a pipe"):
         refused(locked(tmp_path / name).__enter__, f"{name} must be a regular file")
     assert {path: os.lstat(path)[:2] for path in tmp_path.iterdir()} == before
+    (tmp_path / "there" / f".it.1{UNFINISHED}").touch()  # of a killed process
+    with locked(tmp_path / "lock"):
+        assert os.listdir(tmp_path / "there") == ["it.txt"]

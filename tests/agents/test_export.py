@@ -44,6 +44,8 @@ def test_one_wrong_action_of_many_is_refused(tmp_path, error):
     assert "by at most 0.0e+00" in judged(tmp_path, computed, "", actions, 1e-6)
     computed[-1, 1] += error
     refused(lambda: judged(tmp_path, computed, "", actions, 1e-6), f"differs from the policy by {error:.1e}")
+    said = judged_replay(tmp_path, (0.0, np.array([2e-6] * 9)), 3, 0.016)  # s
+    assert "of 9 calls 99.9 % take at most 2.0 us, the slowest 2 us" in said
     refused(lambda: judged_replay(tmp_path, (10.0 * error, np.ones(9)), 3, 0.016), f"differ by {10.0 * error:.1e}")
 
 
@@ -114,3 +116,8 @@ def test_rules_are_exported_for_the_users_arm(mine):
     setup = load_setup(mine)
     for name, subject in (of_setup(setup) | {"paper-trapezoid": of_name("paper-trapezoid", setup)}).items():
         assert subject.task == setup.task, name
+
+
+def test_tuned_baseline_is_read_from_the_named_folder(tmp_path):
+    refused(lambda: of_name(str(tmp_path / "blind-profile.json")), f"no file {tmp_path / 'blind-profile.json'}")
+    assert {*of_setup(load_setup("linear-blind"), tmp_path)} == {"paper-trapezoid", "local-brake"}

@@ -171,6 +171,7 @@ def test_faulty_readings_are_treated_as_the_contract_says(name, tmp_path):
         ends = [least, 0.0, -1.0, math.nan, math.inf, -math.inf, most, 2.0 * most]
         weights = commands_of(program, np.repeat(readings[:, None], len(ends), axis=1), ends)
         assert np.ptp(weights[:, :6], axis=1).max() == 0.0 == np.ptp(weights[:, 6:], axis=1).max()
+        assert "time_weight_use" not in said  # which says that the weight is ignored
         assert abs(weights[:, :1] - commands).max() > 0.0 < abs(weights[:, 6:7] - commands).max()
 
 

@@ -84,6 +84,10 @@ def test_failed_late_and_killed_calls_are_named_and_stored(log, tmp_path):
     raised.match("8 of 9 jobs failed")
     raised.match(r'ends_badly {.*"number": 8}: ArithmeticError: no result for 8')
     raised.match("the first of these raised:\nTraceback(.|\n)*in ends_badly")
+    without_folder = listed(tmp_path / "later" / "log", 1)
+    assert cached(numbers, without_folder, tmp_path, processes=0, failed=lambda *_: "bad") == ["bad"]
+    (tmp_path / "later").mkdir()
+    assert cached(numbers, without_folder, tmp_path, processes=0)[0]["number"] == 0
 
 
 @pytest.mark.slow

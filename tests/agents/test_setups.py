@@ -113,7 +113,7 @@ def test_set_up_extends_another_key_by_key(tmp_path):
     arm = {"extends": "linear-ranged", "environment": {"tool_mass": 0.2}, "training": {"steps": 5_000_000}}
     own = {"extends": "arm.toml", "title": "Mine", "environment": {"range_noise": 0.02}}
     (tmp_path / "arm.toml").write_text(tomli_w.dumps(arm))
-    (tmp_path / "mine.toml").write_text(tomli_w.dumps(own))
+    (tmp_path / "mine.toml").write_text(tomli_w.dumps(own), "utf-8-sig")  # as some editors do
     mine, shipped_one = load_setup(tmp_path / "mine.toml"), load_setup("linear-ranged")
     assert mine.environment == {**shipped_one.environment, "tool_mass": 0.2, "range_noise": 0.02}
     assert mine.training == replace(shipped_one.training, steps=5_000_000)

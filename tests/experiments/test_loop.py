@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import struct
+from functools import partial
 from math import inf, nan
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,10 +15,12 @@ from unittest import mock
 import numpy as np
 import pytest
 import simulated_time
+from made_up_policies import made_up_policy
+from refusal import refused
 from simulated_time import Network, Program, World
 
 from agents.export.c_header import c_text
-from agents.export.contract import of_name
+from agents.export.contract import Subject, of_name
 from experiments.loop import __main__ as command
 from experiments.loop import arm
 from experiments.loop.arm import COMMAND, MAGIC, PERIOD, SILENCE, Line
@@ -211,6 +214,14 @@ def test_loop_has_the_object_velocity_of_the_environment(tmp_path):
     assert found["approaches"] == len(played) > 3
     assert found["object_velocity"] == pytest.approx(found["environment"], rel=0.01)
     assert found["age_median"] == pytest.approx(found["age_99"]) == pytest.approx(PERIOD)
+    gentle, hurried = (command.measured(of_name("blind-profile"), weight, played) for weight in (0.5, 4.0))
+    assert gentle["environment"] < 0.9 * hurried["environment"]  # the rule takes its parameters for the weight
+
+
+def test_controller_is_refused_what_the_arm_lacks(tmp_path):
+    for lacks in ({"range_sensor": {"noise": 0.01}}, {"past_readings": 1}, {"alarm": "reading"}):
+        subject = Subject(made_up_policy(environment=lacks))
+        refused(partial(command.compiled, subject, "it", tmp_path), "it needs an operator")
 
 
 def test_arm_and_controller_talk_over_udp(tmp_path, monkeypatch, capsys):

@@ -102,8 +102,9 @@ def test_shorter_training_or_tuning_is_called_a_quick_look(steps, budget, said):
 
 def test_of_equals_the_simplest_is_taken():
     results = played(("profile", "constant", "local-brake"))
-    everyone = sorted((*results.matchup.baselines, results.matchup.policy), key=choice.simplicity)
-    assert [each.name for each in everyone] == [PAPER, "local-brake", "constant", "profile", "seed-0"]
+    own = Contestant("own", {"object": "mine:own"}, (2.0,), "")
+    everyone = sorted((own, *results.matchup.baselines, results.matchup.policy), key=choice.simplicity)
+    assert [each.name for each in everyone] == [PAPER, "local-brake", "constant", "profile", "own", "seed-0"]
     noise = np.random.default_rng(1).normal(0.0, 0.1, 400)
     for gain, name in ((0.0, "profile"), (0.005, "profile"), (0.03, "policy")):  # m/s; standard error 0.1 / 20 m/s
         costs = {"rule": np.full(400, 2.0), "profile": np.ones(400), "policy": 1.0 - gain + noise - noise.mean()}
@@ -123,6 +124,9 @@ def test_choice_is_made_elsewhere_and_judged_here():
         60_000_000,
         2000,
     )
+    of_ranges = {"ranges": pairs("test"), "seed": 5, "count": 9}
+    for other in (episodes.calibration_scenarios(of_ranges), episodes.choosing_scenarios(of_ranges)):
+        assert other["seed"] >= 5 + 9  # no scenario is drawn twice
     found = choice.choice(results)
     assert (found.controller, found.time_weight, found.missed) == ("seed-0", 2.0, 3)
     assert (found.cost.value, found.above["profile"].value) == pytest.approx((ours, rival / ours - 1.0))
@@ -265,8 +269,8 @@ def test_failure_needs_two_standard_errors_or_two_misses(surplus, missed, facts)
 
 
 def test_worst_change_comes_first_and_misses_count_by_share():
-    results = played(varied={"tool_mass": [0.125, 0.2], "alarm_threshold": [1.0, 3.0]})
-    more, missing = {"0.2 kg": 0.3, "3 N": 0.6}, {"0.2 kg": 3, "3 N": 4}
+    results = played(varied={"tool_mass": [0.125, 0.3, 0.2], "alarm_threshold": [1.0, 3.0]})
+    more, missing = {"0.2 kg": 0.3, "0.3 kg": 0.4, "3 N": 0.6}, {"0.2 kg": 3, "3 N": 4}
 
     def columns(labels):
         setting, ours = labels["setting"], labels["contestant"] == "seed-0"

@@ -111,13 +111,13 @@ def test_kept_cells_are_measured_again_if_outdated(study, tmp_path, monkeypatch)
         assert (tmp_path / "log").read_text().splitlines() == times * ["1 2", "10"]
 
 
-def test_failed_cell_is_a_row_with_its_own_labels(study, tmp_path):
+def test_failed_cell_is_a_row_with_its_own_labels(study, tmp_path, monkeypatch):
     """Of the cells of a table the second fails: its numbers are words."""
     log = str(tmp_path / "log")
     cells = [Cell({"kind": str(kind)}, {"numbers": [kind], "log": log}) for kind in (1, "two", 3)]
-    table = replace(
-        study.measurements[0], cells=lambda *_: cells, failed=lambda labels: {"of": f"cell {labels['kind']}"}
-    )
+    three = replace(study.measurements[0], cells=lambda *_: cells, processes=2)
+    table = replace(three, failed=lambda labels: {"of": f"cell {labels['kind']}"})
+    monkeypatch.setattr(jobs, "multiprocessing", None)  # of 2 and 0 processes, the smaller number measures
     rows = StudyRun(replace(study, measurements=(table,)), StudyOptions(tmp_path / "out", processes=0))["squares"]
     assert rows["square"].to_list() == [1, None, 9]
     assert rows["of"].to_list() == [None, "cell two", None]
@@ -129,12 +129,16 @@ def test_page_and_tables_are_of_the_newest_run(study, tmp_path):
     assert frames["squares"].rows() == [("small", 1, 1), ("small", 2, 4), ("large", 10, 100)]
     more = [Cell({"kind": "small"}, {"numbers": [7], "log": str(tmp_path / "log")})]
     newer = replace(study, measurements=(replace(study.measurements[0], cells=lambda *_: more), study.measurements[1]))
+    (tmp_path / "out" / "squares.parquet").touch()  # of an earlier run with more rows
     run(newer, tmp_path / "out")
+    assert not (tmp_path / "out" / "squares.parquet").exists()
     assert pl.read_csv(tmp_path / "out" / "squares.csv").rows() == [("small", 7, 49)]
     assert pl.read_csv(tmp_path / "out" / "cubes.csv").rows() == [(343,)]
     text, log = (tmp_path / "out" / "index.html").read_text(), tmp_path / "out" / "results.json"
     assert (">49<" in text, ">100<" in text) == (True, False)
     assert [each["seconds"] > 0.0 for each in json.loads(log.read_text())["runs"]] == [True, True]
+    run(newer, tmp_path / "out", force=True)
+    assert len(json.loads(log.read_text())["runs"]) == 1
 
 
 def cells_of(name):

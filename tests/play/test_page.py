@@ -54,10 +54,10 @@ class Faked:
         self.hear({"kind": "frame", "n": 0, "t": 1.0, "dt": dt, "touched": touched, "from": start, "to": end})
         self.run(16)
 
-    def end(self, **result):
+    def end(self, times=1, **result):
         entry = {"name": "try 1", "setup": self.setup, "assist": "none", "delay": 0.2, "marks": [], "missed": 0.0,
                  "slide": 0.02, "done_time": 2.0, "object_velocity": 0.3} | result  # fmt: skip
-        self.hear({"kind": "ended", "entry": entry})
+        self.hear(*[{"kind": "ended", "entry": entry}] * times)
 
 
 @pytest.fixture
@@ -144,6 +144,9 @@ def test_picture_moves_at_the_time_of_its_frames(faked, world):
     place = (faked.ask("number(given)", "#picture circle.igw-object", "cx") / scale - 0.03) - (home + 0.034)
     assert place == pytest.approx(0.15, abs=1 / scale)  # from the front of the tool to that of the object
     assert (page.locator(".somewhere").is_visible(), faked.text("#state")) == (False, "touched: let go!")
+    faked.frame([0.02, 0.02, 0.15], [0.02, 0.02, 0.17], touched=True)
+    ghost, ball = (faked.ask("number(given)", f"#picture .igw-{name}", "cx") for name in ("ghost", "object"))
+    assert ball - ghost == pytest.approx(0.02 * scale, abs=1)  # the ghost stays where the object was hit
 
 
 def test_levels_end_in_free_play_and_only_good_tries_count(faked, world):
@@ -181,6 +184,11 @@ def test_chart_has_a_dot_for_each_try_that_counts(faked):
     dots = np.array([dot[1:] for dot in faked.ask("all(given)", "#chart .dot", "cx", "cy")])
     assert dots == pytest.approx(np.array([(x(time), y(100 * slide)) for time, slide in tries]), abs=0.1)
     assert dots[-1] == pytest.approx([40 + 326 / 1.08, 232 - 210 / 1.12], abs=0.1)  # the farthest, near the corner
+    (best,) = (at for text, at in faked.ask("all(given)", "#chart .label", "x") if text == "best")
+    assert best == pytest.approx(x(3.0), abs=0.1)
+    faked.end(195, missed=1.0)
+    faked.end()  # the chart has the newest 200, not the first; a ring marks the last
+    assert [len(faked.ask("all(given)", f"#chart .{kind}", "cx")) for kind in ("dot", "ring")] == [4, 1]
 
 
 def test_page_fits_and_a_tool_finds_it_accessible(browser, world):
