@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import pickle
 import shutil
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -194,7 +195,7 @@ class StudyRun(dict[str, pl.DataFrame]):
         analyse = getattr(self.study.analyse, "func", self.study.analyse)  # it may be a functools.partial
         sources = digest_of("experiments.lab", analyse.__module__), [each.digest for each in self.study.measurements]
         inputs = cells, sources, self.study.depends, self.options.only, self.options.results
-        return hashlib.sha256(repr(inputs).encode()).hexdigest()
+        return hashlib.sha256(pickle.dumps(inputs)).hexdigest()  # not `repr`: cells share long texts
 
     def _write(self, made_from: str) -> None:
         from experiments.lab import page, results

@@ -3,7 +3,6 @@
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ from agents.provenance import digest_of
 from agents.setups import README, load_setup
 from agents.setups.evaluation import RESERVED
 from agents.setups.keys import within
-from experiments.lab.study import Study, StudyOptions, run
+from experiments.lab.study import Findings, Frames, Study, StudyOptions, run
 from experiments.report.matchups import Matchup, of_policies, of_setup
 from impact_gym.files import parsed
 from impact_gym.task import Task, evaluation_sets
@@ -131,13 +130,16 @@ def matchups_of(options: ReportOptions) -> list[Matchup]:
 
 def study_of(matchups: Sequence[Matchup], own: bool) -> Study:
     """Return the study of matchups; `own`: whether policies or set-ups are the user's."""
-    from experiments.report import page  # the import takes seconds
-    from experiments.report.episodes import measurement
+    from experiments.report.episodes import measurement  # the import takes a second
+
+    def analyse(frames: Frames, _: bool) -> Findings:
+        from experiments.report import page  # only to write the page: the import takes a second
+
+        return page.analyse(matchups, own, frames)
 
     modules = {each.controller["object"].partition(":")[0]
                for matchup in matchups for each in matchup.baselines if "object" in each.controller}  # fmt: skip
     depends = f"{[*map(repr, matchups)]} {own} {digest_of('impact_gym', 'agents', 'experiments.report')}"
-    analyse = partial(page.analyse, matchups, own)
     return Study("report", QUESTION, [measurement(matchups, modules)], analyse, PACKAGES, depends)
 
 

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any, NamedTuple
 
-import polars as pl
 from markupsafe import Markup
 
 from agents.evaluate.play import controller_of, frozen_of
@@ -14,7 +13,7 @@ from agents.provenance import todays
 from experiments.lab.parts import Section, Tab, Table, Terms
 from experiments.lab.player import choose, films, fragment
 from experiments.lab.statistics import RESAMPLES
-from experiments.lab.study import Findings
+from experiments.lab.study import Findings, Frames
 from experiments.report import ablation, answer, choice, holds, tables
 from experiments.report.episodes import Played
 from experiments.report.matchups import PAPER, POLICY, Matchup
@@ -66,7 +65,7 @@ class Analysis(NamedTuple):
         return answer.sentence(self.answer, matchup) + ablation.sentence(self.steps)
 
 
-def analyse(matchups: Sequence[Matchup], own: bool, frames: Mapping[str, pl.DataFrame], _: bool) -> Findings:
+def analyse(matchups: Sequence[Matchup], own: bool, frames: Frames) -> Findings:
     """Return the findings of a report; `own`: whether policies or set-ups are the user's."""
     found = [Analysis.of(Played.of_rows(matchup, frames["episodes"])) for matchup in matchups]
     sentences = [

@@ -68,7 +68,6 @@ def made(source, tmp_path, monkeypatch):
         study.run(what, study.StudyOptions(tmp_path / "out", **options))
         return asked[0] if asked else None
 
-    analyse.__module__ = page.__name__
     monkeypatch.setattr(page, "analyse", analyse)
     monkeypatch.setattr(study, "cached", cached)
     return made
