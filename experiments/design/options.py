@@ -20,7 +20,6 @@ from impact_gym.validation import distinct, identifier, number, whole
 
 PAPER, FRONT, CHOSEN = "paper's rule", "designs", "chosen"  # names of chart lines; more: `DesignOptions.others`
 SPRING = "paper's spring"
-LIMITED = (FRONT, CHOSEN)
 
 
 @dataclass(frozen=True)
@@ -109,8 +108,8 @@ class DesignOptions:
         return min(self.times, key=lambda allowed: abs(allowed - 1.0))
 
     def limits_of(self, line: str) -> Limits:
-        """Return the limits for a line of the chart; only the lines in LIMITED have limits."""
-        return self.limits if line in LIMITED else Limits(deflection=None)
+        """Return the limits for a line of the chart; only FRONT and CHOSEN have limits."""
+        return self.limits if line in (FRONT, CHOSEN) else Limits(deflection=None)
 
 
 OF_TEACHER = ("teacher", "imitation_steps")  # about imitating a baseline that the new set-up lacks

@@ -16,7 +16,7 @@ import polars as pl
 
 from agents.baselines.tuned import read_tuned
 from agents.evaluate.scenario_batch import TUNING_SEED, ScenarioBatch
-from experiments.design.findings import ENTRY, analyse, mean
+from experiments.design.findings import ENTRY, analyse
 from experiments.design.options import CHOSEN, FRONT, PAPER, SPRING, DesignOptions
 from experiments.design.search import MARGIN, PENALTY, Candidate, play, search
 from experiments.design.variables import as_built
@@ -96,14 +96,13 @@ class Search:
     def front(self, frames: Frames) -> list[Row]:
         """Return for each approach time the design with the lowest cost on the validation set."""
         played = dict(grid.groups(frames["validation"], "line", "allowed", "seed"))
-        paper = mean(played[PAPER, 1.0, 1], "approach_time")
-        charged = grid.missed_cost(self.options.searched)
+        paper: Any = played[PAPER, 1.0, 1]["approach_time"].mean()
+        velocity = pl.when("missed").then(grid.missed_cost(self.options.searched)).otherwise("object_velocity")
 
         def cost(row: Row) -> float:
-            rows = played[FRONT, row["allowed"], row["seed"]]
-            late = mean(rows, "approach_time") / (row["allowed"] * paper) - 1.0
-            velocity = rows.select(pl.when("missed").then(charged).otherwise("object_velocity").alias("charged"))
-            return mean(velocity, "charged") + PENALTY * (max(late, 0.0) + mean(rows, "excess"))
+            late = (pl.mean("approach_time") / (row["allowed"] * paper) - 1.0).clip(0.0)
+            each = velocity.mean() + PENALTY * (late + pl.mean("excess"))
+            return float(played[FRONT, row["allowed"], row["seed"]].select(each).item())
 
         found = frames["searches"].filter(line=FRONT).to_dicts()
         return [min((row for row in found if row["allowed"] == time), key=cost) for time in self.options.times]
