@@ -136,10 +136,9 @@ class Live:
 def timed_right(this: Try, exact: Callable[[float], float]) -> bool:
     """Return whether late steps have left the result of a person's try as it is with exact times.
 
-    With exact times, no step waits for the computer: simulated time t (s) is `slow` * t after the begin of the try, and
-    the command at a tick is what the person commanded at that moment, `exact(t)` (m/s). If a delay longer than a period
-    has changed a command, the try is played again with the exact ones. It counts if it touches or misses as before, and
-    if slide and duration change by at most AGREES.
+    `exact(t)`: the person's command (m/s) at the moment when an exact clock reaches the simulated time t (s). If late
+    steps have changed a command, the try is played again with the exact ones. It must then touch or miss as before, and
+    slide and duration may change by at most AGREES.
     """
     given = this.operator
     if this.marks or all(map(operator.eq, map(exact, given["time"][1:]), given["velocity"][1:])):
