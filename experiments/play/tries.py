@@ -1,4 +1,4 @@
-"""Functions that play, replay and evaluate tries: episodes that a person or a model of an operator steers."""
+"""Functions that play, replay and evaluate tries: episodes that a person steers."""
 
 import math
 import operator

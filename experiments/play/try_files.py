@@ -61,7 +61,7 @@ def folder_of(folder: Path) -> Iterator[tuple[Path, Try]]:
 
 
 def of_persons(folder: Path, marked: bool = False) -> list[Try]:
-    """Read persons' tries in a folder; `marked`: also marked ones. ValueError: none, bad file, several environments."""
+    """Read the tries in a folder; `marked`: also marked ones. ValueError: none, bad file, several environments."""
     every = [this for _, this in folder_of(folder)]
     found = [this for this in every if marked or not this.marks]
     if not found:
