@@ -24,24 +24,16 @@ COMMANDS: Mapping[str, Mapping[str, Command]] = {
         "check": Command("agents.check", ("train",), "check a set-up (a TOML file) and describe it"),
         "tune": Command("agents.tune", ("train",), "tune the baselines of a set-up"),
         "train": Command("agents.train", ("train",), "train one policy or several policies for a set-up"),
-        "controller": Command(
-            "experiments.controller", ("train", "report"), "tune, train, report, and export the best controller"
-        ),
+        "controller": Command("experiments.controller", ("train", "report"), "tune, train, report and export the best"),
         "report": Command("experiments.report", ("report",), "write a page that compares policies and baselines"),
         "export": Command("agents.export", ("train",), "write a controller as C code, and a policy also as ONNX"),
-        "policies": Command(
-            "experiments.policies", ("report",), "print the purpose, failures and results of each policy"
-        ),
+        "policies": Command("experiments.policies", ("report",), "print purpose, failures and results of each policy"),
         "play": Command("experiments.play", ("play",), "steer the tool in the browser, with or without assistance"),
         "identify": Command("impact_gym.identify", (), "fit mass, stiffness and restitution to measured blows"),
-        "design": Command(
-            "experiments.design", ("train", "report"), "find the coupling with which the object leaves slowest"
-        ),
+        "design": Command("experiments.design", ("train", "report"), "find the coupling with the lowest V_p"),
     },
     "for data": {
-        "dataset": Command(
-            "experiments.dataset", ("data",), "record episodes of the paper's rule, a profile, a policy or a person"
-        ),
+        "dataset": Command("experiments.dataset", ("data",), "record episodes of rules, policies or persons"),
     },
     "for work on this project": {
         "study": Command("experiments.studies", ("report",), "run a study of this project again"),

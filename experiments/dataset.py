@@ -37,11 +37,7 @@ from impact_gym.sources import compiled_from
 from impact_gym.teleop.channels import without_files
 from impact_gym.validation import distinct, shown, whole
 
-PLAYERS = {
-    "rule": "the paper's rule",
-    "profile": "the first baseline in the set-up's `against`",
-    "policy": "the set-up's learned policy",
-}
+PLAYERS = {"rule": "the paper's rule", "profile": "the set-up's first baseline", "policy": "the set-up's policy"}
 SEED = 70_000_000  # default seed of the first episode; tuning, evaluation and the shipped trainings use other seeds
 ROOT = "MINARI_DATASETS_PATH"
 Players = Callable[[float], Controller]  # returns the controller for an episode's time weight, m/s per s
@@ -53,7 +49,7 @@ class DatasetOptions:
 
     From a set-up, the command makes a dataset for each player (controller) in --who. From a folder of tries, which
     impact-gym play writes, the command makes one dataset. With --operator, it makes only a file for an operator. The id
-    of a dataset is NAMESPACE/SETUP/PLAYER-vVERSION.
+    of a dataset is impact/SETUP/PLAYER-vVERSION.
     """
 
     source: Annotated[Positional[str], arg(metavar="SETUP|FOLDER|DATASET")]
@@ -70,8 +66,6 @@ class DatasetOptions:
     replays a randomly chosen try in each episode."""
     include_marked: Annotated[FlagCreatePairsOff[bool], arg(help_behavior_hint="")] = False
     """Also use tries that impact-gym play marked as interrupted or not timed right."""
-    namespace: Annotated[str, arg(metavar="NAME")] = "impact"
-    """First part of the dataset's id."""
     version: Annotated[int, arg(metavar="N")] = 0
     """Last part of the dataset's id."""
     author: Annotated[str, arg(metavar="NAME")] = metadata("impact-gym")["Author"] or ""
@@ -90,20 +84,15 @@ class DatasetOptions:
 
 def players(name: str, setup: Setup) -> Players:
     """Return a function that makes the player `name` (see `DatasetOptions.who`); ValueError: no such player."""
-    wanted = {"rule": "paper-trapezoid", "profile": (*setup.against, name)[0]}.get(name, name)
     if name == "policy":
-        policy = load_policy(setup.name if setup.shipped else setup.folder / "policies" / f"{setup.name}.npz")
+        policy = load_policy(setup.folder / "policies" / f"{setup.name}.npz")
         return lambda _: policy
-    spec: dict[str, Any]
-    if wanted in FIXED:
-        spec = {"baseline": wanted}
-    elif ":" in wanted:
-        spec = {"object": wanted}
-    elif wanted in setup.tuned or wanted in shipped_baselines():
-        spec = {"tuned": read_tuned(wanted, setup=setup)}
-    else:
+    wanted = {"rule": "paper-trapezoid", "profile": (*setup.against, name)[0]}.get(name, name)
+    kind = "baseline" if wanted in FIXED else "object" if ":" in wanted else "tuned"
+    if kind == "tuned" and wanted not in (*setup.tuned, *shipped_baselines()):
         names = ", ".join(dict.fromkeys((*PLAYERS, *setup.tuned, *FIXED)))
         raise ValueError(f"who must be one of {names}, another tuned baseline or module:object, got {name!r:.80}")
+    spec = {kind: read_tuned(wanted, setup=setup) if kind == "tuned" else wanted}
     return lambda weight: controller_of(spec, weight, setup.task)
 
 
@@ -159,7 +148,7 @@ def of_setup(options: DatasetOptions) -> Iterator[Any]:
     setup = load_setup(options.source)
     env = setup.make(time_weight=setup.training.time_weight)
     for who, play in {who: players(who, setup) for who in options.who}.items():
-        name = f"{options.namespace}/{setup.name}/{who.rpartition(':')[2]}-v{options.version}"
+        name = f"impact/{setup.name}/{who.rpartition(':')[2]}-v{options.version}"
         seeds = tqdm(range(options.seed, options.seed + options.episodes), name, unit="episodes")
         about = f"{setup.title}: {setup.about}. Plays: {PLAYERS.get(who, who)}"
         yield write(name, env, (recorded(env, seed, {}, play) for seed in seeds), options, who, about)
@@ -169,7 +158,7 @@ def of_tries(options: DatasetOptions) -> Any:
     """Write and return a dataset of persons' tries in the folder `options.source`."""
     found = try_files.of_persons(Path(options.source), options.include_marked)
     env = gym.make("impact_gym:ImpactTeleop-v0", **found[0].environment, operator=try_files.operator_of(found))
-    name = f"{options.namespace}/{found[0].setup}/person-v{options.version}"
+    name = f"impact/{found[0].setup}/person-v{options.version}"
 
     def again() -> Iterator[EpisodeBuffer]:
         for number, this in enumerate(tqdm(found, name, unit="episodes")):

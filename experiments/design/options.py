@@ -16,11 +16,10 @@ from experiments.design.search import CONTACT, Candidate, Limits, SearchBudget
 from experiments.design.variables import SearchVariable, search_variables, searched_environment
 from impact_gym.files import parsed, write_file
 from impact_gym.task import Task
-from impact_gym.validation import distinct, identifier, number, whole
+from impact_gym.validation import distinct, identifier, numbers, whole
 
 PAPER, FRONT, CHOSEN = "paper's rule", "designs", "chosen"  # names of chart lines; more: `DesignOptions.others`
 SPRING = "paper's spring"
-LIMITED = (FRONT, CHOSEN)
 
 
 @dataclass(frozen=True)
@@ -61,8 +60,7 @@ class DesignOptions:
         identifier("setup", f"{self.arm.name}-designed")  # name of the new set-up
         if not self.times:
             raise ValueError("times must have at least one approach time, relative to the paper's rule (no unit)")
-        for time in self.times:
-            number("times", time, "-", above=0)
+        numbers("times", self.times, "-", above=0)
         distinct("times", self.times)
         distinct("against", self.against)
         if self.pad:
@@ -109,33 +107,33 @@ class DesignOptions:
         return min(self.times, key=lambda allowed: abs(allowed - 1.0))
 
     def limits_of(self, line: str) -> Limits:
-        """Return the limits for a line of the chart; only the lines in LIMITED have limits."""
-        return self.limits if line in LIMITED else Limits(deflection=None)
+        """Return the limits for a line of the chart; only FRONT and CHOSEN have limits."""
+        return self.limits if line in (FRONT, CHOSEN) else Limits(deflection=None)
 
 
 OF_TEACHER = ("teacher", "imitation_steps")  # about imitating a baseline that the new set-up lacks
-DRAWN = (
-    "this file draws stiffness and restitution of the contact through the pad independently of each other; in the "
-    "search both were computed from the object's stiffness and restitution without the pad"
-)
 
 
 def write_setup(path: Path, setup: Setup, candidate: Candidate, command: str) -> Path:
     """Write a design to `path` as a set-up file that begins with `command` as a comment; return the path."""
     content = parsed(setup.path, "TOML", tomllib.loads)
     environment = Task(**setup.environment).changed(candidate.design).arguments()
+    about = f"designed from {setup.name}: " + "; ".join(f"{name} {x:.4g}" for name, x in candidate.design.items())
     if candidate.pad:
+        about += (
+            f", on a pad of {candidate.pad}; this file draws stiffness and restitution of the contact through the pad "
+            "independently of each other; in the search both were computed from the object's stiffness and restitution "
+            "without the pad"
+        )
         ranges = {name: list(ends) for name, ends in Task(**environment).scenario.by_id().items()}
         corners = on_pad(candidate.pad, *np.meshgrid(*(ranges[name] for name in CONTACT)))
         through_pad = {name: [float(v.min()), float(v.max())] for name, v in zip(CONTACT, corners, strict=True)}
         environment["scenario"] = ranges | through_pad
-    about = "; ".join(f"{name} {value:.4g}" for name, value in candidate.design.items())
     baseline = f"{path.stem}-profile"
     tables = {
         "version": content.get("version", 1),
         "title": f"{setup.title}: a designed coupling",
-        "about": f"designed from {setup.name}: {about}"
-        + (f", on a pad of {candidate.pad}; {DRAWN}" if candidate.pad else ""),
+        "about": about,
         "environment": environment,
         "training": {k: v for k, v in content.get("training", {}).items() if k not in OF_TEACHER},
         "baselines": {"tuned": {baseline: candidate.rule}, "against": [baseline]},

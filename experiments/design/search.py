@@ -119,12 +119,9 @@ class SearchBudget:
 
 
 def objective(
-    candidate: Candidate,
-    variables: Sequence[SearchVariable],
-    approach_time: float,
-    limits: Limits,
+    candidate: Candidate, variables: Sequence[SearchVariable], approach_time: float, limits: Limits,
     budget: SearchBudget,
-) -> Losses:
+) -> Losses:  # fmt: skip
     """Return a function from candidates (population, 1, k) to losses (population, 1), m/s."""
     population, scenarios = budget.population, budget.scenarios
     task = candidate.task.changed({"rtol": RTOL})

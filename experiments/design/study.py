@@ -16,7 +16,7 @@ import polars as pl
 
 from agents.baselines.tuned import read_tuned
 from agents.evaluate.scenario_batch import TUNING_SEED, ScenarioBatch
-from experiments.design.findings import ENTRY, analyse, mean
+from experiments.design.findings import ENTRY, analyse
 from experiments.design.options import CHOSEN, FRONT, PAPER, SPRING, DesignOptions
 from experiments.design.search import MARGIN, PENALTY, Candidate, play, search
 from experiments.design.variables import as_built
@@ -29,12 +29,9 @@ DEPENDS = (
     "impact_gym", "agents.baselines", "agents.evaluate", "agents.setups",
     *(f"experiments.design.{name}" for name in ("variables", "pads")),
 )  # fmt: skip
-# baseline at which a search starts, by rule and by whether the coupling is bistable
-STARTS = {("BlindProfile", False): "blind-profile", ("BlindProfile", True): "bistable-blind-profile"}
 Row = Mapping[str, Any]
 """A candidate as a row, with the columns ENTRY. `line`: line of the chart. `allowed`: largest mean approach time,
 divided by that of the paper's rule. `seed`, `loss` (m/s): of the search. `rule` to `parameters`: of the candidate."""
-BLANK = {"rule": None, "design": "{}", "parameters": "[]"}
 PAPERS_RULE: Row = {
     "line": PAPER, "allowed": 1.0, "seed": 1, "loss": np.nan, "rule": "ConstantSpeed", "design": "{}",
     "parameters": "[1.0, 8.0, 8.0]",
@@ -49,8 +46,8 @@ class Search:
 
     def candidate(self, row: Row) -> Candidate:
         """Return the candidate of a row. The numbers of the chosen design get random errors in each episode."""
-        options, row = self.options, {**BLANK, **row}
-        rule, parameters, design = row["rule"] or options.rule, json.loads(row["parameters"]), json.loads(row["design"])
+        options, rule = self.options, row.get("rule") or self.options.rule
+        parameters, design = json.loads(row.get("parameters", "[]")), json.loads(row.get("design", "{}"))
         others = {PAPER: options.others[SPRING], **options.others}
         if row["line"] in others:
             return Candidate(others[row["line"]], rule, parameters)
@@ -96,14 +93,13 @@ class Search:
     def front(self, frames: Frames) -> list[Row]:
         """Return for each approach time the design with the lowest cost on the validation set."""
         played = dict(grid.groups(frames["validation"], "line", "allowed", "seed"))
-        paper = mean(played[PAPER, 1.0, 1], "approach_time")
-        charged = grid.missed_cost(self.options.searched)
+        paper: Any = played[PAPER, 1.0, 1]["approach_time"].mean()
+        velocity = pl.when("missed").then(grid.missed_cost(self.options.searched)).otherwise("object_velocity")
 
         def cost(row: Row) -> float:
-            rows = played[FRONT, row["allowed"], row["seed"]]
-            late = mean(rows, "approach_time") / (row["allowed"] * paper) - 1.0
-            velocity = rows.select(pl.when("missed").then(charged).otherwise("object_velocity").alias("charged"))
-            return mean(velocity, "charged") + PENALTY * (max(late, 0.0) + mean(rows, "excess"))
+            late = (pl.mean("approach_time") / (row["allowed"] * paper) - 1.0).clip(0.0)
+            each = velocity.mean() + PENALTY * (late + pl.mean("excess"))
+            return float(played[FRONT, row["allowed"], row["seed"]].select(each).item())
 
         found = frames["searches"].filter(line=FRONT).to_dicts()
         return [min((row for row in found if row["allowed"] == time), key=cost) for time in self.options.times]
@@ -134,8 +130,8 @@ class Search:
 
 def start_of(candidate: Candidate, approach_time: float) -> list[float]:
     """Return a shipped baseline's parameters at the time weight whose approach time is nearest `approach_time` (s)."""
-    bistable = isinstance(candidate.task.coupling, Bistable)
-    weights = read_tuned(STARTS.get((candidate.rule, bistable), "ranged"))["weights"].values()
+    blind = "bistable-blind-profile" if isinstance(candidate.task.coupling, Bistable) else "blind-profile"
+    weights = read_tuned(blind if candidate.rule == "BlindProfile" else "ranged")["weights"].values()
     nearest = min(weights, key=lambda tuned: abs(tuned["validation"]["approach_time"] - approach_time))
     return list(nearest["parameters"].values())
 

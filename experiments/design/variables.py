@@ -56,26 +56,22 @@ def search_variables(texts: Sequence[str], setup: Setup) -> list[SearchVariable]
         raise ValueError("--free must name a number of the design, such as coupling.stiffness=10:300")
     task = Task(**setup.environment)
     own = {f"coupling.{field.name}": getattr(task.coupling, field.name) for field in fields(task.coupling)}
-    variables = {}
+    own = {"tool_mass": task.tool_mass, **own}
+    variables = dict[str, SearchVariable]()
     for text in texts:
-        variable = _read(text, {"tool_mass": task.tool_mass} | own)
-        if variable.name in variables:
-            raise ValueError(f"--free {variable.name} is named twice")
-        variables[variable.name] = variable
+        name, _, ends = text.partition("=")
+        try:
+            low, high = map(float, ends.split(":"))
+        except ValueError:
+            raise ValueError(f"--free must be NAME=LOW:HIGH, such as coupling.stiffness=10:300, got {text!r}") from None
+        known("--free ", [name], own)
+        low, high = (number(f"--free {name}", end, QUANTITIES[name].unit) for end in (low, high))
+        if not low < high:
+            raise ValueError(f"--free {name} must have LOW below HIGH, got {low:g}:{high:g}")
+        if name in variables:
+            raise ValueError(f"--free {name} is named twice")
+        variables[name] = SearchVariable(name, low, high, float(own[name]))
     return list(variables.values())
-
-
-def _read(text: str, own: Mapping[str, float]) -> SearchVariable:
-    name, _, ends = text.partition("=")
-    try:
-        low, high = map(float, ends.split(":"))
-    except ValueError:
-        raise ValueError(f"--free must be NAME=LOW:HIGH, such as coupling.stiffness=10:300, got {text!r}") from None
-    known("--free ", [name], own)
-    low, high = (number(f"--free {name}", end, QUANTITIES[name].unit) for end in (low, high))
-    if not low < high:
-        raise ValueError(f"--free {name} must have LOW below HIGH, got {low:g}:{high:g}")
-    return SearchVariable(name, low, high, float(own[name]))
 
 
 def as_built(design: Mapping[str, float], tolerance: float) -> dict[str, list[float]]:

@@ -61,17 +61,6 @@ def compiled(subject: Subject, name: str, out: Path) -> Path:
     return out / "loop"
 
 
-def start(subject: Subject, weight: float, seconds: float, out: Path) -> tuple[Any, int]:
-    """Start `serve` in another process; return the process and the UDP port of the arm."""
-    ours, theirs = multiprocessing.Pipe(duplex=False)
-    arguments = subject.task.arguments(), weight, SEED, seconds, out, theirs, SILENCE
-    out.unlink(missing_ok=True)
-    arm = multiprocessing.get_context("spawn").Process(target=serve, args=arguments)
-    arm.start()
-    theirs.close()
-    return arm, ours.recv()
-
-
 def measured(subject: Subject, weight: float, played: list[Mapping[str, Any]]) -> dict[str, float]:
     """Return statistics of the commands' ages (s), mean V_p (m/s), and mean V_p in the same scenarios without UDP."""
     ages, velocity = (np.hstack([each[name] for each in played]) for name in ("ages", "object_velocity"))
@@ -87,22 +76,20 @@ def run(options: Loop) -> None:
     subject = of_name(options.controller)
     program = compiled(subject, Path(options.controller).stem, options.out)
     written = options.out / "arm.json"
-    arm, port = start(subject, options.time_weight, options.seconds, written)
-    controller = subprocess.run([program, str(port)], capture_output=True, text=True, check=False)
+    written.unlink(missing_ok=True)
+    ours, theirs = multiprocessing.Pipe(duplex=False)
+    arguments = subject.task.arguments(), options.time_weight, SEED, options.seconds, written, theirs, SILENCE
+    arm = multiprocessing.get_context("spawn").Process(target=serve, args=arguments)
+    arm.start()
+    theirs.close()
+    controller = subprocess.run([program, str(ours.recv())], capture_output=True, text=True, check=False)
     arm.join()
     played = json.loads(written.read_text()) if written.is_file() else []
     if controller.returncode or not played or played[-1]["stop"]:
         raise RuntimeError(controller.stderr.strip() or "the watchdog stopped the arm, or the controller or arm failed")
     found = json.loads(controller.stdout) | measured(subject, options.time_weight, played)
-    write_file(options.out / "loop.json", json.dumps(found, indent=2) + "\n")
-    print(
-        "{periods:,} periods of 1 ms, error: median {error_median:.6f} s, 99 % below {error_99:.6f} s, at most "
-        "{error_most:.6f} s; {missed} missed; real-time priority: {real_time}\n"
-        "age of commands: median {age_median:.6f} s, 99 % below {age_99:.6f} s, at most {age_most:.6f} s\n"
-        "V_p of {approaches:.0f} approaches: mean {object_velocity:.4f} m/s; environment: {environment:.4f} m/s".format(
-            **found
-        )
-    )
+    print(write_file(options.out / "loop.json", json.dumps(found, indent=2) + "\n"))
+    print("V_p: mean {object_velocity:.4f} m/s; environment: {environment:.4f} m/s".format(**found))
 
 
 if __name__ == "__main__":

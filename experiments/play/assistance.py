@@ -23,7 +23,6 @@ PERSON = {"type": "Person"}
 PERIOD: float = Task.control_period  # s, control period that a set-up must have to be played
 # unit, least and largest value of the settings: delay of the round trip, jitter of each channel, spring stiffness
 RANGES = {"delay": ("s", 0.0, 1.0), "jitter": ("s", 0.0, 0.05), "stiffness": ("N/m", 20.0, 2000.0)}
-RTOL = 1e-12  # relative tolerance at which results of `simulate` and of the environment agree to 1e-9
 
 
 def playable(name: str) -> Setup:
@@ -50,7 +49,7 @@ def related(setup: Setup) -> dict[str, str]:
 
 def environment_of(setup: Setup) -> dict[str, Any]:
     """Return a set-up's arguments without operator, with RANGES for the settings. Each channel has half the delay."""
-    environment = {name: value for name, value in setup.environment.items() if name != "operator"} | {"rtol": RTOL}
+    environment = {name: value for name, value in setup.environment.items() if name != "operator"}
     for way in WAYS:
         delay, jitter = [0.5 * limit for limit in RANGES["delay"][1:]], [*RANGES["jitter"][1:]]
         environment[way] = {**environment.get(way, {}), "delay": delay, "jitter": jitter}
@@ -91,7 +90,7 @@ def assistance(name: str, setup: Setup) -> Controller:
     if name not in NAMES:
         raise ValueError(f"assist must be one of {', '.join(NAMES)}, got {name!r:.80}")
     if name == "policy":
-        return load_policy(setup.name if setup.shipped else setup.folder / "policies" / f"{setup.name}.npz")
+        return load_policy(setup.folder / "policies" / f"{setup.name}.npz")
     if name == "limit":
         limits = [known for known, tuned in setup.tuned.items() if tuned.rule == "BlindProfile"]
         if not limits:

@@ -109,17 +109,16 @@ class Clock:
             self.send(kind="failed", text=str(problem))
 
     def _run(self, live: Live, seen: bool, start: float) -> None:
-        slow, behind, rng = live.kept.slow, 0.0, random.Random(live.kept.seed)
+        slow, rng = live.kept.slow, random.Random(live.kept.seed)
         self._send_frame(live, seen, rng)
         while not (live.ended or self.gone):
             due = start + slow * (live.time + PERIOD)
             while (left := due - self.now()) > 0.0:
                 self.sleep(left)
             late = self.now() - due
-            live.step(self.stick.at(start + slow * live.next_tick), late - behind)
-            behind = late
-            if behind > slow * PERIOD:  # more than a step late: delay the schedule
-                start, behind = start + behind, 0.0
+            live.step(self.stick.at(start + slow * live.next_tick))
+            if late > slow * PERIOD:  # more than a step late: delay the schedule
+                start += late
             self._send_frame(live, seen, rng)
 
     def _send_frame(self, live: Live, seen: bool, rng: random.Random) -> None:

@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -26,34 +27,26 @@ SENTENCES = {
 }
 
 
-class Variant(NamedTuple):
-    """A try in a film, and a sentence about the difference from the player's try."""
-
-    played: Try
-    sentence: str = ""
-
-
-def again(this: Try) -> dict[str, Variant]:
-    """Return the player's try and its variants, by their names in the film."""
+def again(this: Try) -> dict[str, tuple[Try, str]]:
+    """Return the player's try and its variants, each with a sentence about the difference, by names in the film."""
     other, label = ("brake", "brake on") if this.assist == "none" else ("none", "no help")
-    found = {"You": Variant(this), f"Your hand, {label}": Variant(_changed(this, assist=other), SENTENCES[other])}
+    found = {"You": (this, ""), f"Your hand, {label}": (_changed(this, assist=other), SENTENCES[other])}
     for kind, setup in related(load_setup(this.setup)).items():
         if setup != this.setup:
-            found[f"Your hand, {COUPLINGS[kind]}"] = Variant(_changed(this, setup=setup), SENTENCES[kind])
+            found[f"Your hand, {COUPLINGS[kind]}"] = _changed(this, setup=setup), SENTENCES[kind]
     if this.record["uplink.delay"] + this.record["downlink.delay"] > 0.0 and not this.result["missed"]:
-        found["Your hand, no delay"] = Variant(_without_delay(this), SENTENCES["delay"])
+        found["Your hand, no delay"] = _without_delay(this), SENTENCES["delay"]
     return found
 
 
-def _changed(this: Try, setup: str = "", assist: str = "", **changes: Any) -> Try:
-    setup, record = setup or this.setup, changes.get("record", this.record)
-    known = Live(Try(setup, "none", this.seed, {})).kept.record
-    record = {name: value for name, value in record.items() if name in known}
-    if setup != this.setup:
+def _changed(this: Try, **changes: Any) -> Try:
+    new = replace(this, **changes)
+    known = Live(Try(new.setup, "none", new.seed, {})).kept.record
+    record = {name: value for name, value in new.record.items() if name in known}
+    if new.setup != this.setup:
         same = {name: value for name, value in record.items() if not name.startswith("coupling.")}
-        record = record_of(usual(load_setup(setup))) | same
-    operator = changes.get("operator", this.operator)
-    return Live(Try(setup, assist or this.assist, this.seed, record, operator)).to_end()
+        record = record_of(usual(load_setup(new.setup))) | same
+    return Live(replace(new, record=record)).finished()
 
 
 def _without_delay(this: Try) -> Try:
@@ -67,13 +60,12 @@ def _without_delay(this: Try) -> Try:
     return _changed(this, record=record | silent, operator=operator)
 
 
-def film(variants: Mapping[str, Variant]) -> dict[str, Any]:
+def film(variants: Mapping[str, tuple[Try, str]]) -> dict[str, Any]:
     """Return `html`, a slow-motion film, and `slides`: slide (m) by variant, None for a missed object."""
-    runs = {name: History(*replayed(each.played), ended=True) for name, each in variants.items()}
-    scene: dict[str, Any] = {"label": "one scenario for all", "number": 0, "compact": True}
-    scene |= scene_of(runs, COARSE)
-    for run, variant in zip(scene["runs"], variants.values(), strict=True):
-        run["sentence"] = variant.sentence
+    runs = {name: History(*replayed(played), ended=True) for name, (played, _) in variants.items()}
+    scene = {"label": "one scenario for all", "number": 0, "compact": True, **scene_of(runs, COARSE)}
+    for run, (_, sentence) in zip(scene["runs"], variants.values(), strict=True):
+        run["sentence"] = sentence
     scene["clock"] = _fitted(scene)
     html = player.fragment({"contestants": list(runs), "columns": list(COLUMNS), "scenes": [scene]})
     slides = {name: None if run.info["missed"] else run.info["slide"] for name, run in runs.items()}

@@ -1,4 +1,4 @@
-"""Functions that play, replay and evaluate tries: episodes that a person or a model of an operator steers."""
+"""Functions that play, replay and evaluate tries: episodes that a person steers."""
 
 import math
 import operator
@@ -10,20 +10,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-import impact_gym as ig
 from agents.policies import Controller
 from agents.provenance import circumstances, revision
 from experiments.play.assistance import PERIOD, PERSON, assistance, environment_of, playable
 from impact_gym.envs.batch import Batch, Bodies
-from impact_gym.outcome import Outcome, Trace
+from impact_gym.outcome import Trace
 from impact_gym.sources import compiled_from
 from impact_gym.task import Task
 from impact_gym.task.episodes import EpisodeState
 
 AGREES = 0.01  # largest relative difference that late steps may make in a try that counts, see `timed_right`
 BUSY = "this computer was too busy; the try was not timed right: close other programs"  # mark of the other tries
+RESULTS = "object_velocity", "slide", "peak_force", "touch_time", "done_time", "taken", "missed"
 TRACE_POINTS = 1 << 18
-BEND = 1e-13  # m/s; the velocity error of `corners` is at most twice this
 ROUNDING = 1e-6  # allowed rounding error of times, as a fraction of a control period
 
 
@@ -39,10 +38,8 @@ class Try:
     slow: float = 1.0  # ratio of the duration in real time to the simulated time
     environment: dict[str, Any] = field(default_factory=dict)  # arguments of the environment, without the operator
     actions: list[list[float]] = field(default_factory=list)  # actions of the assistance, one for each step
-    late: list[float] = field(default_factory=list)  # s, lateness of each step minus the lateness of the step before
     marks: list[str] = field(default_factory=list)  # reasons for which the try does not count
-    motion: dict[str, list[float]] = field(default_factory=dict)  # commanded motion: fields of `ig.Motion`
-    result: dict[str, float] = field(default_factory=dict)  # results of `simulate` with `motion`, and of the episode
+    result: dict[str, float] = field(default_factory=dict)  # numbers RESULTS of the episode's info
     made: dict[str, Any] = field(default_factory=dict)  # commit and versions
 
 
@@ -62,36 +59,6 @@ def replayed(this: Try) -> tuple[Trace, dict[str, Any], Task, EpisodeState]:
     if not batch.ended[0]:
         raise RuntimeError("the try does not end at its last action: the environment has changed since it was recorded")
     return batch.trace(0), batch.info(0), batch.tasks[0].at(this.record), batch.episode_state(0)
-
-
-def corners(trace: Trace) -> ig.Motion:
-    """Return the commanded motion of a trace, with a piecewise linear velocity within 2 BEND of the trace."""
-    times, velocities = [0.0], [0.0]
-    low, high, before = -math.inf, math.inf, (0.0, 0.0)
-    for time, velocity in zip(trace.time.tolist(), trace.command_velocity.tolist(), strict=True):
-        if time <= before[0]:
-            continue
-        least, most = ((velocity - velocities[-1] + side) / (time - times[-1]) for side in (-BEND, BEND))
-        if least > high or most < low:  # no line from the last corner is within BEND of all points since then
-            times.append(before[0])
-            velocities.append(before[1])
-            low, high = ((velocity - before[1] + side) / (time - before[0]) for side in (-BEND, BEND))
-        else:
-            low, high = max(low, least), min(high, most)
-        before = time, velocity
-    return ig.Motion((*times, before[0]), (*velocities, before[1]))
-
-
-def simulated(this: Try) -> Outcome:
-    """Return the outcome of `simulate` with the motion and the scenario of the try."""
-    record = this.record
-    task: Any = Task(**this.environment, operator=this.operator).at(record)
-    law = {"dissipation": task.dissipation, "reference_velocity": task.reference_velocity}
-    contact = ig.Contact(record["contact_stiffness"], record["restitution"], **law)
-    struck = ig.Object(record["object_mass"], record["distance"], task.friction)
-    scene = ig.Scene(ig.Tool(task.tool_mass), struck, contact, task.coupling, task.robot)
-    motion = ig.Motion(tuple(this.motion["times"]), tuple(this.motion["velocities"]))
-    return ig.simulate(scene, motion, duration=motion.times[-1], rtol=task.rtol)
 
 
 @cache
@@ -134,14 +101,13 @@ class Live:
         """Time of the next command, s."""
         return (math.floor(self.time / PERIOD + ROUNDING) + 1) * PERIOD
 
-    def step(self, velocity: float = 0.0, late: float = 0.0) -> None:
-        """Play a control step. `late` (s): as in `Try`; `velocity` (m/s): a person's command at `next_tick`."""
+    def step(self, velocity: float = 0.0) -> None:
+        """Play a control step. `velocity` (m/s): a person's command at `next_tick`."""
         tick = self.next_tick
         if self.person:
             self.batch.set_operator_velocity(velocity)
         advance(self.batch, self._action)
         self.kept.actions.append(self._action.tolist())
-        self.kept.late.append(round(late, 5))
         if self.person and self.time >= tick - ROUNDING * PERIOD:
             given = self.kept.operator
             given["time"].append(PERIOD * len(given["time"]))
@@ -157,34 +123,22 @@ class Live:
         self.batch.set_state(state)
         return bodies
 
-    def to_end(self) -> Try:
-        """Play to the end (a person commands 0 m/s); return the try, whose `result` is still empty."""
-        while not self.ended:
-            self.step()
-        return self.kept
-
     def finished(self) -> Try:
         """Play what is left of the episode (a person commands 0 m/s); return the try with its `result`."""
-        done = self.to_end()
-        trace, info, *_ = replayed(done)
-        motion = corners(trace)
-        done.motion.update(times=list(motion.times), velocities=list(motion.velocities))
-        outcome = simulated(done)
-        done.result.update(
-            object_velocity=outcome.peak_object_velocity, slide=outcome.slide or 0.0, peak_force=outcome.peak_force,
-            **{name: float(info[name]) for name in ("touch_time", "done_time", "taken", "missed")},
-        )  # fmt: skip
-        done.made.update(_made())
-        return done
+        while not self.ended:
+            self.step()
+        info = self.batch.info(0)
+        self.kept.result.update({name: float(info[name]) for name in RESULTS})
+        self.kept.made.update(_made())
+        return self.kept
 
 
 def timed_right(this: Try, exact: Callable[[float], float]) -> bool:
     """Return whether late steps have left the result of a person's try as it is with exact times.
 
-    With exact times, no step waits for the computer: simulated time t (s) is `slow` * t after the begin of the try, and
-    the command at a tick is what the person commanded at that moment, `exact(t)` (m/s). If a delay longer than a period
-    has changed a command, the try is played again with the exact ones. It counts if it touches or misses as before, and
-    if slide and duration change by at most AGREES.
+    `exact(t)`: the person's command (m/s) at the moment when an exact clock reaches the simulated time t (s). If late
+    steps have changed a command, the try is played again with the exact ones. It must then touch or miss as before, and
+    slide and duration may change by at most AGREES.
     """
     given = this.operator
     if this.marks or all(map(operator.eq, map(exact, given["time"][1:]), given["velocity"][1:])):

@@ -7,15 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from experiments.play.assistance import NAMES, PERIOD, RANGES
-from experiments.play.tries import Try
+from experiments.play.tries import RESULTS, Try
 from impact_gym.files import parsed, write_file
-from impact_gym.teleop.operators import KINDS
 from impact_gym.validation import choice, number, numbers, one_of
 
-RESULTS = "object_velocity", "slide", "peak_force", "touch_time", "done_time", "taken", "missed"
 SLOWEST = 16.0  # largest `Try.slow`
 MAX_TEXT, MAX_NUMBER = 4096, 2.0**64  # limits: characters of set-up and marks together; absolute value of a number
-FORMAT = "impact_gym try 2"
+FORMAT = "impact_gym try 3"
 SPARE = 3  # control periods that each recording lasts beyond the horizon of an episode
 
 
@@ -31,10 +29,9 @@ def from_text(text: str) -> Try:
     if len(texts) > MAX_TEXT or not texts.isprintable() or "<" in texts:
         raise ValueError(f"setup and marks must have at most {MAX_TEXT} printable characters in total, without <")
     choice("assist", this.assist, list(NAMES))
-    choice("type of its operator", this.operator["type"], [kind.__name__ for kind in KINDS])
+    choice("type of its operator", this.operator["type"], ["Replay"])
     number("slow", this.slow, "(times)", at_least=1.0, at_most=SLOWEST)
     number("uplink.delay", this.record["uplink.delay"], "s", at_least=0.0, at_most=0.5 * RANGES["delay"][2])
-    numbers("late", this.late, "s")
     for action in this.actions:
         numbers("action", action, "-")
     if {*this.result} != {*RESULTS}:
@@ -64,8 +61,8 @@ def folder_of(folder: Path) -> Iterator[tuple[Path, Try]]:
 
 
 def of_persons(folder: Path, marked: bool = False) -> list[Try]:
-    """Read persons' tries in a folder; `marked`: also marked ones. ValueError: none, bad file, several environments."""
-    every = [this for _, this in folder_of(folder) if this.operator["type"] == "Replay"]
+    """Read the tries in a folder; `marked`: also marked ones. ValueError: none, bad file, several environments."""
+    every = [this for _, this in folder_of(folder)]
     found = [this for this in every if marked or not this.marks]
     if not found:
         allowed = "" if marked else f" to use: {len(every)} marked tries need --include-marked"

@@ -21,8 +21,7 @@ def test_each_step_and_each_picture_comes_when_it_is_due(world, slow):
     assert page.got("ended")[0]["entry"].items() >= this.result.items()
     assert tries.replayed(this)[1]["done_time"] == this.result["done_time"]  # looking ahead has changed nothing
     frames, shown = [message for message in world.sent if message["kind"] == "frame"], page.got("frame")
-    assert len(this.late) == len(this.actions) == len(frames) - 1 > 20
-    assert (np.abs(this.late).max() < 1e-9, this.marks) == (True, [])
+    assert (len(this.actions) == len(frames) - 1 > 20, this.marks) == (True, [])
     begun = np.array([frame["t"] for frame in frames])[:-1]  # a touch cuts a step short, and its frame is not sooner
     assert [frame["at"] for frame in frames[1:]] == pytest.approx(slow * (begun + PERIOD), abs=1e-4 * slow)
     assert {frame["dt"] for frame in frames[:-1]} >= {slow * PERIOD}
@@ -131,22 +130,17 @@ def test_object_is_shown_where_seen_or_touched_or_at_the_end(world):
 
 @pytest.mark.parametrize("setup", ["teleop-rigid", SETUP, "teleop-bistable"])
 @pytest.mark.parametrize("assist", NAMES)
-def test_try_is_played_again_by_environment_and_simulate(setup, assist, tmp_path):
-    """The environment to the bit; `simulate`, from the executed motion alone, to 1e-9, and itself to the bit."""
+def test_try_is_played_again_to_the_bit(setup, assist, tmp_path):
     rng = np.random.default_rng(0)
     done = pushed(lambda _: float(rng.uniform(0.1, 0.5)), 9, assist, 0, setup)
     this = try_files.read(try_files.write(tmp_path / "try.json", done))
     _, info, *_ = tries.replayed(this)
     assert {name: info["record"][name] for name in this.record} == this.record
-    assert {name: info[name] for name in ("touch_time", "done_time", "taken")}.items() <= this.result.items()
-    outcome, names = tries.simulated(this), ("object_velocity", "slide", "peak_force")
-    found = [outcome.peak_object_velocity, outcome.slide, outcome.peak_force]
-    assert found == [this.result[name] for name in names]
-    assert found == pytest.approx([info[name] for name in names], abs=1e-9, rel=1e-9)
+    assert {name: info[name] for name in tries.RESULTS} == this.result
 
 
 DAMAGES = {
-    "format": "impact_gym try 1", "slow": 0.0, "assist": "magic", "actions": [1.0], "late": [math.nan], "result": {},
+    "format": "impact_gym try 2", "slow": 0.0, "assist": "magic", "actions": [1.0], "result": {},
     "marks": ["</script>"], "setup": "</script>", "operator": {"type": "os:abort"}, "record": 10 ** 4000, "more": 1,
 }  # fmt: skip
 
