@@ -25,7 +25,7 @@ from experiments.studies.speed import rates
 from experiments.studies.stability import promises, storm
 from impact_gym.sources import compiled_from
 
-FIGURES = {"paper": 2, "speed": 1, "stability": 0, "teleop": 0, "speed of trainings": 0}
+FIGURES = {"paper": 1, "speed": 1, "stability": 0, "teleop": 0, "speed of trainings": 0}
 EVERY = [pytest.param(name, marks=pytest.mark.slow) if "training" in name else name for name in FIGURES]
 
 

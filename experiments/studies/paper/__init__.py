@@ -1,8 +1,8 @@
 """The study `paper`: the paper's figures, computed with our model, and verdicts on the paper's statements.
 
 There is a module for each of the sections 2 to 5 of the paper, and one for claims that no figure shows. For each figure
-a module has a function that computes its table, one that judges the statements about it, and one that draws it. The
-functions that compute take a model; `models.WRONG` has wrong models, which contradict the statements.
+a module has a function that computes its table, one that judges the statements about it, and one that draws it if it is
+in the paper. The functions that compute take a model; `models.WRONG` has wrong models, which contradict the statements.
 """
 
 from collections.abc import Sequence
@@ -10,16 +10,11 @@ from collections.abc import Sequence
 from experiments.lab.parts import Section, Table
 from experiments.lab.study import SOLVER, Cell, Findings, Frames, Measurement, Study
 from experiments.studies.paper import beyond, section_2, section_3, section_4, section_5, values
-from experiments.studies.paper.statements import Figure, Statement, Verdict
+from experiments.studies.paper.statements import Statement, Verdict
 
-SECTIONS: dict[str, tuple[str, Sequence[Figure]]] = {
-    "section-2": ("2 Contacts", section_2.FIGURES),
-    "section-3": ("3 Compliant robot", section_3.FIGURES),
-    "section-4": ("4 Spring and damper", section_4.FIGURES),
-    "section-5": ("5 Bistable mechanism", section_5.FIGURES),
-    "beyond": ("Claims without a figure", beyond.FIGURES),
+FIGURES = {
+    figure.name: figure for module in (section_2, section_3, section_4, section_5, beyond) for figure in module.FIGURES
 }
-FIGURES = {figure.name: figure for _, figures in SECTIONS.values() for figure in figures}
 DEPENDS = (*SOLVER, "impact_gym.robot", "experiments.lab.scenes", *(
     f"experiments.studies.paper.{name}" for name in ("models", "runs", "statements")
 ))  # fmt: skip
@@ -33,50 +28,43 @@ def _judgement(statement: Statement) -> str:
 
 def analyse(frames: Frames, quick: bool) -> Findings:
     """Judge the statements about all figures that were computed; show figures and statements."""
-    found = {name: list(figure.statements(frames[name])) for name, figure in FIGURES.items() if name in frames}
-    statements = [statement for judged in found.values() for statement in judged]
+    here = [figure for name, figure in FIGURES.items() if name in frames]
+    statements = [statement for figure in here for statement in figure.statements(frames[figure.name])]
+    pictures = [figure.picture(frames[figure.name], figure.name) for figure in here if figure.picture]
     whole = len(frames) == len(STUDY.measurements)  # the documentation shows only tables of all statements
 
-    def table(caption: str, head: str, rows: Sequence[Sequence[str]], results: str = "") -> Table:
+    def table(caption: str, head: str, rows: Sequence[Sequence[str]], results: str) -> Table:
         return Table(caption, head.split("|"), rows, results if whole else "")
 
     apart = [[each for each in statements if each.verdict == verdict] for verdict in Verdict]
-    agree, one_reading, disagree = apart
+    agree, one_reading, disagree = map(len, apart)
     counts = [("all", str(len(statements)))]
     counts += [(verdict, str(len(judged))) for verdict, judged in zip(Verdict, apart, strict=True)]
-    disagreements = [(each.place, each.text, each.ours) for each in disagree]
-    readings = [(each.text, f"{each.rule}: {each.ours}", f"{each.reading.text}: {each.reading.ours}")
-                for each in one_reading if each.reading]  # fmt: skip
-    sections = [Section("Verdicts", [
-        table("Number of statements.", "Verdict|Statements", counts, "paper-verdicts"),
-        table("Statements that disagree. The reasons stand below the figures.", "Where|The paper says|Our model",
-              disagreements, "paper-disagreements"),
-        table("Statements that agree in one of two readings.", "The paper says|One reading|Another reading", readings),
-    ], key="verdicts")]  # fmt: skip
-    for key, (heading, figures) in SECTIONS.items():
-        here = [figure for figure in figures if figure.name in frames]
-        pictures = [part for figure in here for part in figure.pictures(frames[figure.name])]
-        judged = [each for figure in here for each in found[figure.name]]
-        rows = [(f"{each.text} ({each.place})", each.verdict, each.ours, _judgement(each)) for each in judged]
-        shown = table("", "What the text says|Verdict|Our result|Rule and reason", rows)
-        if here:
-            sections.append(Section(heading, pictures, key=key))
-            sections.append(Section(f"{len(rows)} statements about these figures", [shown], folded=True))
+    disagreements = [(each.place, each.text, each.ours) for each in apart[-1]]
+    every = [(each.text, each.place, each.verdict, each.ours, each.wrong or "-", _judgement(each))
+             for each in statements]  # fmt: skip
+    sections = [
+        Section("Verdicts", [
+            table("Number of statements.", "Verdict|Statements", counts, "paper-verdicts"),
+            table("Statements that disagree. The last table has the reasons.", "Where|The paper says|Our model",
+                  disagreements, "paper-disagreements"),
+        ], key="verdicts"),
+        Section("Figures", pictures, key="figures"),
+    ]  # fmt: skip
     if "identified" in frames:
         head, rows = "Quantity|Value|Determined by|Ours", frames["identified"].rows()
         shown = table("Values that the paper does not print.", head, rows, "paper-identified")
         sections.append(Section("Identified values", [shown], key="identified"))
     corrections = table("Corrections of the print.", "Where|Correction", values.corrections(), "paper-corrections")
-    every = [(each.text, each.place, each.verdict, each.ours, each.wrong or "-") for each in statements]
-    head = "Statement|Where|Verdict|Our result|Wrong model"
+    head = "Statement|Where|Verdict|Our result|Wrong model|Rule and reason"
     sections += [
         Section("Corrections", [corrections], key="corrections"),
         Section("All statements, and wrong models with the opposite verdict",
-                [table("All statements.", head, every, "paper-statements")], folded=True),
+                [table("All statements.", head, every, "paper-statements")], key="statements", folded=True),
     ]  # fmt: skip
     answer = (
-        f"Of {len(statements)} statements of the paper's text that our model can contradict, {len(agree)} agree, "
-        f"{len(one_reading)} agree in one of two readings, and {len(disagree)} disagree."
+        f"Of {len(statements)} statements of the paper's text that our model can contradict, {agree} agree, "
+        f"{one_reading} agree in one of two readings, and {disagree} disagree."
     )
     return Findings(answer, sections)
 

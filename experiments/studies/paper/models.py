@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import impact_gym as ig
-from experiments.lab.scenes import DURATION, MOTION
+from experiments.lab.scenes import DURATION, MOTION, ROBOT, TOOL_MASS
+from impact_gym.scene import Coupling
 
 Change = Callable[[ig.Scene, ig.Trapezoid], tuple[ig.Scene, ig.Trapezoid]]
 
@@ -38,48 +39,36 @@ class Model:
 PAPER = Model()
 
 
-def _part(name: str, change: Callable[[Any], Any], kind: type = object) -> Model:
-    def changed(scene: ig.Scene, motion: ig.Trapezoid) -> tuple[ig.Scene, ig.Trapezoid]:
-        part = getattr(scene, name)
-        return (replace(scene, **{name: change(part)}) if isinstance(part, kind) else scene), motion
+def _replaced(name: str, kind: type[Any] = object, **fields: Any) -> Model:
+    def change(scene: ig.Scene, motion: ig.Trapezoid) -> tuple[ig.Scene, ig.Trapezoid]:
+        part: Any = getattr(scene, name)
+        changed: dict[str, Any] = {name: replace(part, **fields)} if isinstance(part, kind) else {}
+        return replace(scene, **changed), motion
 
-    return Model(changed)
-
-
-def _motion(change: Callable[[ig.Trapezoid], ig.Trapezoid]) -> Model:
-    return Model(lambda scene, motion: (scene, change(motion)))
+    return Model(change)
 
 
-def _scaled(name: str, field: str, factor: float, kind: type = object) -> Model:
-    return _part(name, lambda part: replace(part, **{field: factor * getattr(part, field)}), kind)
+def _coupled(kind: type, coupling: Coupling) -> Model:
+    return Model(lambda scene, motion: (
+        replace(scene, coupling=coupling) if isinstance(scene.coupling, kind) else scene, motion
+    ))  # fmt: skip
 
 
 WRONG = {
-    "damping of Hunt and Crossley": _part("contact", lambda law: replace(law, dissipation="hunt-crossley")),
-    "linear damper (n = 0)": _part("contact", lambda law: replace(law, dissipation="exact", damping_exponent=0.0)),
-    "linear spring (m = 1)": _part("contact", lambda law: replace(law, stiffness_exponent=1.0)),
-    "elastic contact (e = 1)": _part("contact", lambda law: replace(law, restitution=1.0)),
-    "e has no effect (0.5)": _part("contact", lambda law: replace(law, restitution=0.5)),
-    "e has no effect (0.1)": _part("contact", lambda law: replace(law, restitution=0.1)),
-    "k_c has no effect (1e4)": _part("contact", lambda law: replace(law, stiffness=1e4)),
-    "contact 100 times as stiff": _scaled("contact", "stiffness", 100.0),
-    "contact 100 times as soft": _scaled("contact", "stiffness", 0.01),
-    "object 100 times as heavy": _scaled("object", "mass", 100.0),
-    "tool 4 times as heavy": _scaled("tool", "mass", 4.0),
-    "no brake": _motion(lambda motion: replace(motion, brake=None)),
-    "half the speed": _motion(lambda motion: replace(motion, speed=0.5 * motion.speed)),
-    "4 times as fast": _motion(
-        lambda motion: replace(motion, speed=4.0 * motion.speed, acceleration=16.0 * motion.acceleration)
-    ),
-    "rigid robot": _part("robot", lambda _: None),
-    "robot 10 times as soft": _scaled("robot", "stiffness", 0.1, ig.Robot),
-    "gantry": _part("robot", lambda table: replace(table, **{
-        name: (getattr(table, name)[-1],) * len(table.position) for name in ("mass", "stiffness", "damping")
-    }), ig.RobotTable),
-    "fixed tool": _part("coupling", lambda _: ig.Rigid()),
-    "spring nearly undamped": _part("coupling", lambda spring: replace(spring, damping_ratio=0.02), ig.SpringDamper),
-    "spring 1000 times as soft": _scaled("coupling", "stiffness", 0.001, ig.SpringDamper),
-    "mechanism for a spring": _part("coupling", lambda _: ig.Bistable(), ig.SpringDamper),
-    "spring for a mechanism": _part("coupling", lambda _: ig.SpringDamper(50.0), ig.Bistable),
-}  # fmt: skip
-"""Wrong models by name; a "gantry" keeps its pose along the line."""
+    "damping of Hunt and Crossley": _replaced("contact", dissipation="hunt-crossley"),
+    "linear damper (n = 0)": _replaced("contact", dissipation="exact", damping_exponent=0.0),
+    "linear spring (m = 1)": _replaced("contact", stiffness_exponent=1.0),
+    "elastic contact (e = 1)": _replaced("contact", restitution=1.0),
+    "e has no effect (0.1)": _replaced("contact", restitution=0.1),
+    "k_c has no effect (1e4)": _replaced("contact", stiffness=1e4),
+    "soft contact (10)": _replaced("contact", stiffness=10.0),
+    "tool 4 times as heavy": _replaced("tool", mass=4.0 * TOOL_MASS),
+    "no brake": Model(lambda scene, motion: (scene, replace(motion, brake=None))),
+    "half the speed": Model(lambda scene, motion: (scene, replace(motion, speed=0.5 * motion.speed))),
+    "rigid robot": Model(lambda scene, motion: (replace(scene, robot=None), motion)),
+    "robot 10 times as soft": _replaced("robot", ig.Robot, stiffness=0.1 * ROBOT.stiffness),
+    "fixed tool": _coupled(object, ig.Rigid()),
+    "spring nearly undamped": _replaced("coupling", ig.SpringDamper, damping_ratio=0.02),
+    "mechanism for a spring": _coupled(ig.SpringDamper, ig.Bistable()),
+    "spring for a mechanism": _coupled(ig.Bistable, ig.SpringDamper(50.0)),
+}  # by name; stiffnesses of the contact in N/m^1.5

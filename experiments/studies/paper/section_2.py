@@ -11,12 +11,10 @@ import numpy as np
 import polars as pl
 
 import impact_gym as ig
-from experiments.lab.charts import OTHERS, SERIES
-from experiments.lab.parts import Picture
 from experiments.lab.scenes import OBJECT_MASS, REDUCED_MASS, STEADY, TOOL_MASS, scene
 from experiments.lab.study import Row
 from experiments.studies.paper.models import PAPER, Model
-from experiments.studies.paper.runs import of_stiffness, panels, picture, where
+from experiments.studies.paper.runs import where
 from experiments.studies.paper.statements import Figure, Statement
 from impact_gym.physics import impact
 
@@ -25,8 +23,7 @@ VANISHING = (0.005, 0.01, 0.02)  # restitutions close to 0
 RESTITUTIONS = np.round(np.arange(0.05, 1.0001, 0.025), 3).tolist()  # arguments of eq. 7
 EXPONENTS = (1.0, 1.5, 2.0)  # n of eq. 5; m is 1.5
 MASSES = (0.1, OBJECT_MASS, 2.5)  # kg, of the object
-NOMINAL = np.round(np.linspace(0.01, 1.0, 100), 2)
-SMALL = 0.3  # restitutions below SMALL are called small; the paper gives no number
+SMALL = np.round(np.arange(0.01, 0.3, 0.01), 2)  # small restitutions; the paper gives no number
 
 
 def figure_06(model: Model = PAPER) -> list[Row]:
@@ -81,63 +78,39 @@ def _statements_06(frame: pl.DataFrame) -> Iterator[Statement]:
         wrong="damping of Hunt and Crossley")  # fmt: skip
 
 
-def _pictures_06(frame: pl.DataFrame) -> Iterator[Picture]:
-    sheet, (left, right) = panels(10.4, 4.2, ncols=2)
-    grid = frame.filter(pl.col("restitution") >= RESTITUTIONS[0])
-    for colour, case, tool in zip(SERIES, "ab", ("fixed", "free"), strict=False):
-        rows = where(grid, case=case, contact_stiffness=1e5)
-        left.plot(rows["restitution"], rows["peak_force"], color=colour, label=f"({case}) tool {tool}")
-    for colour, k_c in zip(SERIES, STIFFNESSES, strict=False):
-        rows = where(grid, case="a", contact_stiffness=k_c)
-        right.semilogy(rows["restitution"], rows["duration"], color=colour, label=of_stiffness(k_c))
-    left.set(xlabel="restitution e given to eq. 7", ylabel="largest contact force (N)", title="k_c = 1e5 N/m^1.5")
-    right.set(xlabel="restitution e given to eq. 7", ylabel="duration of the contact (s)", title="(a) tool fixed")
-    left.legend()
-    right.legend(fontsize=9)
-    yield picture(
-        "figure_06", sheet, "Fig. 6 and 7: Influence of e and k_c on force and duration of the contact",
-        "Largest contact force and duration of the contact against e; the paper draws them against k_c. No brake.",
-        "Left, largest contact force against restitution, tool fixed and free: it falls from e = 0 to a minimum "
-        "between 0.5 and 0.8 and rises again. Right, duration: it falls with e, and with the stiffness.")  # fmt: skip
-
-
-def _contact(model: Model, contact: ig.Contact, mass: float, law: str) -> pl.DataFrame:
-    """Simulate one contact; return its trace from touch to separation, with `chi`, read from the force (eq. 5)."""
+def _contact(model: Model, contact: ig.Contact, mass: float) -> Row:
+    """Simulate one contact; return `chi` (eq. 5), and the force at its ends over the largest force."""
     approach = ig.Scene(ig.Tool(TOOL_MASS), ig.Object(mass, 0.25), contact)
     outcome, trace = model.trace(approach, STEADY)
     (record,), used = outcome.contacts, model.change(approach, STEADY)[0].contact
     depth, rate = trace.tool_position - trace.object_position, trace.tool_velocity - trace.object_velocity
     inside = (trace.contact_force > 0.0) & (depth > 0.0) & (trace.time >= record.start)
-    time, force, depth, rate = (column[inside] for column in (trace.time, trace.contact_force, depth, rate))
+    force, depth, rate = (column[inside] for column in (trace.contact_force, depth, rate))
     elastic, path = used.stiffness * depth**used.stiffness_exponent, depth**used.damping_exponent * rate
     chi = (force - elastic)[path.argmax()] / path.max()
-    columns = {"time": time - record.start, "force": force, "elastic": elastic}
-    constants = {"case": law, "mass": mass, "n": contact.damping_exponent, "chi": chi}
-    return pl.DataFrame(columns | constants)
+    return {"n": contact.damping_exponent, "chi": chi, "ends": max(force[0], elastic[-1]) / force.max()}
 
 
-def beyond_contact(model: Model = PAPER) -> pl.DataFrame:
-    """Simulate the linear contact, that of the paper and other exponents n; evaluate the restitution of LAWS."""
+def beyond_contact(model: Model = PAPER) -> list[Row]:
+    """Simulate the linear contact, that of the paper, and other exponents n with several masses."""
     linear = ig.Contact(5e3, 0.5, "exact", stiffness_exponent=1.0, damping_exponent=0.0)
-    contacts = [
-        _contact(Model(), linear, OBJECT_MASS, "linear"),
-        _contact(model, ig.Contact(1e5, 0.5), OBJECT_MASS, "paper"),
-    ]
+    rows: list[Row] = [{"case": "linear", **_contact(PAPER, linear, OBJECT_MASS)}]
+    rows.append({"case": "paper", **_contact(model, ig.Contact(1e5, 0.5), OBJECT_MASS)})
     for n, mass in product(EXPONENTS, MASSES):
-        contacts.append(_contact(model, ig.Contact(1e5, 0.5, "exact", damping_exponent=n), mass, "exponents"))
+        contact = ig.Contact(1e5, 0.5, "exact", damping_exponent=n)
+        rows.append({"case": "exponents", **_contact(model, contact, mass)})
+    return rows
+
+
+def laws(model: Model = PAPER) -> pl.DataFrame:
+    """Evaluate the restitution that eq. 7 and the law of Hunt and Crossley deliver, at small nominal restitutions."""
     used = model.change(scene(1e5, 0.5), STEADY)[0].contact.dissipation
-    laws = [
-        pl.DataFrame(
-            {"nominal": NOMINAL, "delivered": np.asarray(ig.effective_restitution(law, NOMINAL)), "case": case}
-        )
-        for case, law in (("eq. 7", used), ("earlier", "hunt-crossley"))
-    ]
-    return pl.concat([*contacts, *laws], how="diagonal")
+    errors = [np.abs(ig.effective_restitution(law, SMALL) - SMALL) for law in (used, "hunt-crossley")]
+    return pl.DataFrame({"equation_7": errors[0], "earlier": errors[1]})
 
 
 def _statements_contact(frame: pl.DataFrame) -> Iterator[Statement]:
-    linear, paper = (where(frame, case=case) for case in ("linear", "paper"))
-    ends = [max(rows["force"][0], rows["elastic"][-1]) / rows["force"].max() for rows in (linear, paper)]
+    ends = frame["ends"]
     yield Statement(
         "overcomes", "Section 2.2", "A non-linear contact model overcomes most of the limits of the linear one",
         rule="the force begins, and the elastic force ends, below 1/1000 of the largest force",
@@ -145,8 +118,7 @@ def _statements_contact(frame: pl.DataFrame) -> Iterator[Statement]:
         ours=f"at most {ends[1]:.0e} of the largest force; with the linear contact {ends[0]:.2f}",
         why="One limit remains: the restitution does not depend on the approach velocity.",
         wrong="linear damper (n = 0)")  # fmt: skip
-    table = frame.filter(case="exponents").group_by("n", "mass", maintain_order=True).agg(pl.col("chi").first())
-    chi = {n: where(table, n=n)["chi"] for n in EXPONENTS}
+    chi = {n: where(frame, case="exponents", n=n)["chi"] for n in EXPONENTS}
     spread = {n: values.max() / values.min() - 1.0 for n, values in chi.items()}
     yield Statement(
         "exponents", "Section 2.2",
@@ -155,8 +127,10 @@ def _statements_contact(frame: pl.DataFrame) -> Iterator[Statement]:
         holds=bool(spread[1.5] < 1e-6 and min(spread[1.0], spread[2.0]) > 0.1), wrong="linear spring (m = 1)",
         ours=f"from 0.1 to 2.5 kg chi varies by {100 * spread[1.0]:.0f} % with n = 1, by {100 * spread[1.5]:.4f} % "
         f"with n = m = 1.5, by {100 * spread[2.0]:.0f} % with n = 2")  # fmt: skip
-    small = frame.filter(pl.col("nominal") < SMALL).with_columns(error=(pl.col("delivered") - pl.col("nominal")).abs())
-    ours, earlier = (where(small, case=case)["error"] for case in ("eq. 7", "earlier"))
+
+
+def _statements_laws(frame: pl.DataFrame) -> Iterator[Statement]:
+    ours, earlier = frame["equation_7"].to_numpy(), frame["earlier"].to_numpy()
     yield Statement(
         "equation_7", "Section 2.2",
         "Eq. 7 improves the model of Hunt and Crossley and extends its validity to small restitution coefficients",
@@ -165,30 +139,8 @@ def _statements_contact(frame: pl.DataFrame) -> Iterator[Statement]:
         ours=f"eq. 7 is off by at most {ours.max():.3f}, Hunt and Crossley by up to {earlier.max():.2f}")  # fmt: skip
 
 
-def _pictures_contact(frame: pl.DataFrame) -> Iterator[Picture]:
-    sheet, (left, right) = panels(10.6, 4.2, ncols=2)
-    for colour, case in zip(SERIES, ("linear", "paper"), strict=False):
-        rows = where(frame, case=case)
-        left.plot(1e3 * rows["time"], rows["force"], color=colour, label=f"{case}, force")
-        left.plot(1e3 * rows["time"], rows["elastic"], "--", color=colour, label=f"{case}, elastic part")
-    right.plot(NOMINAL, NOMINAL, "--", color=OTHERS, label="delivered = nominal")
-    for colour, case, label in zip(SERIES, ("eq. 7", "earlier"), ("eq. 7", "Hunt and Crossley"), strict=False):
-        rows = where(frame, case=case)
-        right.plot(rows["nominal"], rows["delivered"], color=colour, label=label)
-    left.set(xlabel="time since the touch (ms)", ylabel="force (N)", title="e = 0.5")
-    right.set(xlabel="nominal restitution e", ylabel="restitution delivered")
-    left.legend(fontsize=9)
-    right.legend(fontsize=9)
-    yield picture(
-        "beyond_contact", sheet, "Ours: The linear contact, and eq. 7 beside the law of Hunt and Crossley",
-        "Left, force on 0.25 kg that a tool strikes at 1 m/s: the linear contact (eq. 5 with m = 1, n = 0) and the "
-        "paper's. Right, the restitution that an isolated contact delivers.",
-        "Left, force against time: the linear contact begins with a jump and ends while its spring still pushes; the "
-        "paper's begins and ends at zero. Right, delivered against nominal restitution: eq. 7 follows the diagonal "
-        "down to zero, the law of Hunt and Crossley ends near 0.5.")  # fmt: skip
-
-
 FIGURES = (
-    Figure(figure_06, _statements_06, _pictures_06),
-    Figure(beyond_contact, _statements_contact, _pictures_contact),
+    Figure(figure_06, _statements_06),
+    Figure(beyond_contact, _statements_contact),
+    Figure(laws, _statements_laws),
 )

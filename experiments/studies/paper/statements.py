@@ -1,6 +1,6 @@
 """Statements of the paper, and the verdicts on them."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import NamedTuple
@@ -51,11 +51,11 @@ class Statement:
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure: the function that computes its table for a model, statements about it, and pictures of it."""
+    """A figure: the function that computes its table for a model, statements about it, and its picture."""
 
     measure: Callable[..., Rows]  # its only argument is a `models.Model`, by default the paper's
     statements: Callable[[pl.DataFrame], Iterator[Statement]]
-    pictures: Callable[[pl.DataFrame], Iterable[Picture]]
+    picture: Callable[[pl.DataFrame, str], Picture] | None = None  # from the table and its name
 
     @property
     def name(self) -> str:

@@ -4,13 +4,13 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from scipy.optimize import bisect
 
 import impact_gym as ig
 from experiments.lab import scenes
 from experiments.lab.scenes import BRAKE, HEAVY_MASS, HOLD, MECHANISM, MOTION, ROBOT, ROBOT_AND_TOOL, scene
 from experiments.lab.study import Row
 from experiments.studies.paper.models import PAPER, Model
-from experiments.studies.paper.runs import enclose_changes
 from impact_gym.robot import IMPACT, default_approach
 
 
@@ -36,11 +36,11 @@ def _from_minimum(model: Model) -> float:
 def identified(model: Model = PAPER) -> list[Row]:
     """Compute with each identified value the printed numbers that determine it."""
 
-    def along(k_t: float) -> Row:
-        contacts = model.simulate(scene(1e5, 1.0, ig.SpringDamper(k_t))).contacts
-        return {"k_t": k_t, "contacts": len(contacts)}
+    def single(k_t: float) -> float:
+        """Return 1 if the tool strikes once, and -1 if more often."""
+        return 1.0 if len(model.simulate(scene(1e5, 1.0, ig.SpringDamper(k_t))).contacts) == 1 else -1.0
 
-    onset = next(row["k_t"] for row in enclose_changes((80.0, 100.0), along, "k_t", "contacts") if row["contacts"] > 1)
+    onset = bisect(single, 80.0, 100.0)
     light, heavy = (model.simulate(scene(1e5, 1.0, robot=ROBOT, object_mass=mass)) for mass in (0.25, HEAVY_MASS))
     rigid, *mechanisms = (
         model.simulate(scene(1e3, 0.1, coupling)).object_velocity
