@@ -10,7 +10,6 @@ import polars as pl
 from markupsafe import Markup
 
 from agents.evaluate.play import controller_of, frozen_of
-from agents.provenance import todays
 from experiments.lab.parts import Section, Tab, Table, Terms
 from experiments.lab.player import choose, films, fragment
 from experiments.lab.statistics import RESAMPLES
@@ -20,10 +19,6 @@ from experiments.report.episodes import Played
 from experiments.report.matchups import PAPER, POLICY, Matchup
 from impact_gym.task import Task
 
-CHOSEN_ON = {  # words for `episodes.calibration_scenarios`; the keys are keys of `Matchup.scenarios`
-    "table": "these scenarios themselves", "set": "the first scenarios of the validation set",
-    "ranges": "other scenarios from the same ranges",
-}  # fmt: skip
 ABOUT = {  # captions of the contestants in the film
     PAPER: "constant speed; brakes once it senses the touch",
     POLICY: "neural network, trained to touch soon and gently",
@@ -51,72 +46,49 @@ class Analysis(NamedTuple):
     answer: answer.Answer
     choice: choice.Choice
     steps: Sequence[ablation.Step]
+    headline: str
 
-    @classmethod
-    def of(cls, played: Played) -> "Analysis":
-        """Analyse the results of a matchup."""
-        return cls(played, answer.answer(played), choice.choice(played), ablation.steps_of(played))
 
-    @property
-    def summary(self) -> str:
-        """The answer with intervals."""
-        matchup = self.played.matchup
-        if matchup.operated:
-            return f"{matchup.name} ({matchup.note}): {answer.assisted(self.played, intervals=True)}"
-        return answer.sentence(self.answer, matchup) + ablation.sentence(self.steps)
+def _analysis(played: Played) -> Analysis:
+    result, chosen = answer.answer(played), choice.choice(played)
+    short = answer.assisted(played) if played.matchup.operated else answer.sentence(result, played.matchup)
+    return Analysis(played, result, chosen, ablation.steps_of(played), f"{chosen.sentence} {short}")
 
 
 def analyse(matchups: Sequence[Matchup], own: bool, frames: Mapping[str, pl.DataFrame], _: bool) -> Findings:
     """Return the findings of a report; `own`: whether policies or set-ups are the user's."""
-    found = [Analysis.of(Played.of_rows(matchup, frames["episodes"])) for matchup in matchups]
-    sentences = [
-        text for each in found for text in (f"{each.played.matchup.name}: {each.choice.sentence}", each.summary)
-    ]
+    found = {matchup.name: _analysis(Played.of_rows(matchup, frames["episodes"])) for matchup in matchups}
+    text = "\n".join(f"{name}: {each.headline}" for name, each in found.items())
     numbers = {
-        "choices": {each.played.matchup.name: asdict(each.choice) for each in found},
-        "answers": {each.played.matchup.name: asdict(each.answer) for each in found},
-        "ablations": {each.played.matchup.name: [asdict(step) for step in each.steps] for each in found},
+        "choices": {name: asdict(each.choice) for name, each in found.items()},
+        "answers": {name: asdict(each.answer) for name, each in found.items()},
+        "ablations": {name: [asdict(step) for step in each.steps] for name, each in found.items()},
         "contestants": {
             matchup.name: {each.name: each.checksum for each in (*matchup.seeds, *matchup.baselines)}
             for matchup in matchups
         },
     }
-    return Findings("\n".join(sentences), [_method(found, own)], {}, [_tab(each) for each in found], numbers)
+    analyses = [*found.values()]
+    return Findings(text, [_method(analyses, own)], {}, [_tab(each) for each in analyses], numbers)
 
 
 def _tab(found: Analysis) -> Tab:
-    played, result, chosen = found.played, found.answer, found.choice
-    matchup = played.matchup
-    engineer: list[Any] = [Section("Which controller to take", [choice.table(chosen, played)], key="choice")]
-    if matchup.operated:  # the page of a set-up with an operator shows no ablation
-        short = answer.assisted(played)
-    else:
-        short = answer.at_rule_time(result, played)
-        engineer += [
-            Section("At about the paper's approach time: mean and tail", [tables.at_one_time(played)]),
-            Section("Ablation: where the gain comes from", [ablation.table(found.steps, matchup.labels)]),
-        ]
-    engineer += [
-        Section("Times, velocities and forces", [tables.measures(played)], key="forces"),
-        Section("Robustness", [holds.heat_map(played)], key="robustness"),
-        Section("Robustness: every change", [holds.table(played)], folded=True),
-    ]
-    chosen_on = next(words for kind, words in CHOSEN_ON.items() if kind in matchup.scenarios)
-    note = (f"The weight for the paper's approach time was chosen on {chosen_on}, so the mean times of policy and "
-            "rule differ slightly here.")  # fmt: skip
-    statistician = [
-        *[f"{matchup.name}: {matchup.note}."] * bool(matchup.note),
-        Section("The answer", [found.summary] if matchup.operated else [tables.answered(result, played), note],
-                key="answer"),
-        Section("Trade-off of all seeds and baselines", [tables.trade_off(played), tables.by_weight(played)],
-                folded=True, key="trade-off"),
-    ]  # fmt: skip
+    played, chosen, matchup = found.played, found.choice, found.played.matchup
+    note = [f"{matchup.name}: {matchup.note}."] * bool(matchup.note)
+    ablated = Section("Ablation: where the gain comes from", [ablation.table(found.steps, matchup.labels)],
+                      key="ablation")  # fmt: skip
+    changed = Table.joined(
+        "Mean cost (m/s) and missed objects with one thing changed; policy and baselines are not "
+        "trained or tuned again. A stiffer coupling keeps its damping ratio",
+        holds.rows(played),
+    )
     return Tab(
-        matchup.name, matchup.title, f"{chosen.sentence} {short}", matchup.note.partition("A QUICK LOOK, ")[2],
-        holds.where_it_fails(played, chosen.controller), tables.trade_off(played, first_screen=True),
+        matchup.name, matchup.title, found.headline, matchup.note.partition("A QUICK LOOK, ")[2],
+        holds.where_it_fails(played, chosen.controller), tables.trade_off(played),
         Markup(fragment(watch(played), f"watch-{matchup.name}")),
-        [Section("For the engineer: the gain, forces, robustness", engineer, key="engineer"),
-         Section("For the statistician: intervals, seeds, data", statistician, key="statistician")],
+        [Section("Choice: which controller to take", [*note, tables.contestants(chosen, played)], key="choice"),
+         *[ablated] * (not matchup.operated),
+         Section("Robustness: every change", [changed], folded=True, key="robustness")],
     )  # fmt: skip
 
 
@@ -134,8 +106,7 @@ def _method(found: Sequence[Analysis], own: bool) -> Section:
         f"linearly between two time weights of the policy.{measure} {_limits(matchups)}",
         *_of_all(found),
         Section("Glossary", [TERMS], folded=True),
-        Section("The policies", [
-            _policies([each.played for each in found]),
+        Section("The commands", [
             Terms({"impact-gym train SETUP --seeds N": "trains the policies, and resumes where it was stopped",
                    "impact-gym tune SETUP --bound": "tunes the baselines and searches the clairvoyant approaches"}),
         ], folded=True),
@@ -171,19 +142,6 @@ def _scenarios(scenarios: Mapping[str, Any]) -> str:
         return f"the first {scenarios['count']:,} of the frozen set {scenarios['set']}"
     source = "from a file" if "table" in scenarios else f"drawn from {json.dumps(scenarios['ranges'])}"
     return f"{scenarios['count']:,} {source}, with seeds from {scenarios['seed']:,} on"
-
-
-def _policies(all_played: Sequence[Played]) -> Table:
-    body = []
-    for played in all_played:
-        matchup, (weight,) = played.matchup, played.as_late[played.matchup.chosen].weights
-        name = f"{matchup.title} ({matchup.name})" if matchup.title else matchup.name
-        trained_by, checksum = todays(matchup.provenance.get("command", "-")), matchup.policy.checksum[:16]
-        versions = ", ".join(map(" ".join, matchup.provenance.get("versions", {}).items())) or "-"
-        body.append((name, matchup.chosen, str(len(matchup.seeds)), trained_by, versions, f"{weight:.4g}", checksum))
-    head = ("set-up", "median seed", "seeds", "trained by", "with", "weight at the paper's approach time (m/s per s)",
-            "checksum")  # fmt: skip
-    return Table("The policies; checksums of all contestants are in results.json", head, body)
 
 
 def watch(played: Played) -> dict[str, Any]:
