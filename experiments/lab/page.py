@@ -30,7 +30,7 @@ def typeset(text: str) -> Markup:
 
 
 MACROS: Mapping[type, str] = {  # the macro in lab/parts.html.jinja for each type of part
-    str: "paragraph", Markup: "markup", Table: "table", Picture: "picture", Terms: "terms"
+    str: "paragraph", Table: "table", Picture: "picture", Terms: "terms"
 }  # fmt: skip
 
 

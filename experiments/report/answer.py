@@ -103,7 +103,7 @@ def sentence(answer: Answer, matchup: Matchup) -> str:
         text += f"; with the main baseline, {rival}, it leaves {_change(answer.rival_reduction)}"
     elif answer.rival_apart:
         text += f"; the main baseline, {rival}, is {answer.rival_apart} than the rule at every time weight"
-    return f"{text}." + (f" The {POLICY} misses {misses}." if answer.missed else "")
+    return f"{text}." + (f" Missed, with all seeds and time weights: {misses}." if answer.missed else "")
 
 
 def assisted(played: Played) -> str:

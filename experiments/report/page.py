@@ -36,6 +36,8 @@ TERMS = Terms({
     "normally. The interval beside it is an interval of the mean.",
     "at the paper's approach time": "at the weight at which the policy has the mean approach time of the paper's rule.",
     "clairvoyant search": "the best approach that a search found for each scenario; it knows the object.",
+    "impact-gym train SETUP --seeds N": "trains the policies, and resumes where it was stopped",
+    "impact-gym tune SETUP --bound": "tunes the baselines and searches the clairvoyant approaches",
 })  # fmt: skip
 
 
@@ -75,25 +77,24 @@ def analyse(matchups: Sequence[Matchup], own: bool, frames: Mapping[str, pl.Data
 def _tab(found: Analysis) -> Tab:
     played, chosen, matchup = found.played, found.choice, found.played.matchup
     note = [f"{matchup.name}: {matchup.note}."] * bool(matchup.note)
-    ablated = Section("Ablation: where the gain comes from", [ablation.table(found.steps, matchup.labels)],
-                      key="ablation")  # fmt: skip
-    changed = Table.joined(
-        "Mean cost (m/s) and missed objects with one thing changed; policy and baselines are not "
-        "trained or tuned again. A stiffer coupling keeps its damping ratio",
-        holds.rows(played),
-    )
+    caption = ("Policy and baselines are not trained or tuned again. A stiffer coupling keeps its damping ratio. "
+               "Objects outside the training ranges are lighter, stiffer, less elastic and nearer")  # fmt: skip
+    changed, steps = Table.joined(caption, holds.rows(played)), ablation.table(found.steps, matchup.labels)
+    sections = [
+        Section("Choice: which controller to take", [*note, tables.contestants(chosen, played)], key="choice"),
+        *[Section("Ablation: where the gain comes from", [steps], key="ablation")] * (not matchup.operated),
+        Section("Robustness: mean cost (m/s) with one thing changed", [changed], folded=True, key="robustness"),
+    ]
     return Tab(
         matchup.name, matchup.title, found.headline, matchup.note.partition("A QUICK LOOK, ")[2],
         holds.where_it_fails(played, chosen.controller), tables.trade_off(played),
-        Markup(fragment(watch(played), f"watch-{matchup.name}")),
-        [Section("Choice: which controller to take", [*note, tables.contestants(chosen, played)], key="choice"),
-         *[ablated] * (not matchup.operated),
-         Section("Robustness: every change", [changed], folded=True, key="robustness")],
+        Markup(fragment(watch(played), f"watch-{matchup.name}")), sections,
     )  # fmt: skip
 
 
 def _method(found: Sequence[Analysis], own: bool) -> Section:
     matchups = [each.played.matchup for each in found]
+    alone = [each for each in found if not each.played.matchup.operated]
     scenarios = "; ".join(dict.fromkeys(_scenarios(matchup.scenarios) for matchup in matchups))
     over = "training seeds and scenarios"
     if max(len(matchup.seeds) for matchup in matchups) == 1:
@@ -104,19 +105,6 @@ def _method(found: Sequence[Analysis], own: bool) -> Section:
         f"All contestants meet the same scenarios: {scenarios}. Intervals are 95 %, of a bootstrap over {over} "
         f"({RESAMPLES:,} resamples). The primary measure is V_p at the paper's mean approach time, interpolated "
         f"linearly between two time weights of the policy.{measure} {_limits(matchups)}",
-        *_of_all(found),
-        Section("Glossary", [TERMS], folded=True),
-        Section("The commands", [
-            Terms({"impact-gym train SETUP --seeds N": "trains the policies, and resumes where it was stopped",
-                   "impact-gym tune SETUP --bound": "tunes the baselines and searches the clairvoyant approaches"}),
-        ], folded=True),
-    ], key="all")  # fmt: skip
-
-
-def _of_all(found: Sequence[Analysis]) -> list[Table]:
-    """Return the tables with one or more rows for each set-up."""
-    alone = [each for each in found if not each.played.matchup.operated]
-    return [
         Table.joined("V_p at the mean time of the paper's rule, against the rule",
                      [answer.row(each.answer, each.played) for each in alone], "report-answers"),
         Table.joined("Share of each step from the rule to the policy in the reduction of V_p; 95 % intervals",
@@ -125,7 +113,8 @@ def _of_all(found: Sequence[Analysis]) -> list[Table]:
                      [choice.row(each.choice, each.played) for each in found], "report-choices"),
         Table.joined("Mean cost (m/s) and missed objects with one thing changed",
                      [row for each in found for row in holds.rows(each.played)], "report-robustness"),
-    ]  # fmt: skip
+        Section("Glossary and commands", [TERMS], folded=True),
+    ], key="all")  # fmt: skip
 
 
 def _limits(matchups: Sequence[Matchup]) -> str:
