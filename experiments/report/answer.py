@@ -88,9 +88,10 @@ def row(answer: Answer, played: Played) -> dict[str, str]:
 
 def sentence(answer: Answer, matchup: Matchup) -> str:
     """Return the answer of a set-up in words, with intervals."""
-    misses, rival = f"{answer.missed:,} of {answer.episodes:,} objects", matchup.rival.label
+    rival = matchup.rival.label
     if answer.missed > MISSED_TOO_OFTEN * answer.episodes:
-        return f"The {POLICY} misses {misses}, so nothing is claimed for it at the time of the paper's rule."
+        return (f"The {POLICY} misses {answer.missed:,} of {answer.episodes:,} objects, so nothing is claimed for it "
+                "at the time of the paper's rule.")  # fmt: skip
     text = "At the mean approach time of the paper's rule the object leaves"
     if not answer.reached:
         more, largest = ("more", "largest") if answer.later > 0.0 else ("less", "smallest")
@@ -103,7 +104,7 @@ def sentence(answer: Answer, matchup: Matchup) -> str:
         text += f"; with the main baseline, {rival}, it leaves {_change(answer.rival_reduction)}"
     elif answer.rival_apart:
         text += f"; the main baseline, {rival}, is {answer.rival_apart} than the rule at every time weight"
-    return f"{text}." + (f" Missed, with all seeds and time weights: {misses}." if answer.missed else "")
+    return f"{text}."
 
 
 def assisted(played: Played) -> str:

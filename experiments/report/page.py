@@ -70,8 +70,7 @@ def analyse(matchups: Sequence[Matchup], own: bool, frames: Mapping[str, pl.Data
             for matchup in matchups
         },
     }
-    analyses = [*found.values()]
-    return Findings(text, [_method(analyses, own)], {}, [_tab(each) for each in analyses], numbers)
+    return Findings(text, [_method([*found.values()], own)], {}, [*map(_tab, found.values())], numbers)
 
 
 def _tab(found: Analysis) -> Tab:

@@ -39,7 +39,6 @@ def test_resamples_vary_with_seeds_and_scenarios(of_seeds, of_scenarios, scenari
 def test_comparison_cancels_what_is_shared():
     hard = np.random.default_rng(2).uniform(1.0, 10.0, 500)
     recipe = Comparison.of_means(np.tile(0.4 * hard, (7, 1)), hard)
-    assert astuple(recipe.ratio) == pytest.approx((0.4, 0.4, 0.4))
     assert astuple(recipe.reduction) == pytest.approx((0.6, 0.6, 0.6))
     assert astuple(Comparison.of_means(hard - 0.25, hard).less) == pytest.approx((0.25, 0.25, 0.25))
 
@@ -199,7 +198,7 @@ def test_more_than_1_percent_of_misses_gives_no_claim(missing, claimed):
     result, text = said(results)
     assert result.missed == 2 * missing
     assert ("slower" in text) == claimed
-    assert f"{2 * missing} of 600 objects" in text
+    assert (f"{2 * missing} of 600 objects" in text) != claimed
 
 
 def test_bound_of_trainings_needs_a_gain_at_the_rules_time():
