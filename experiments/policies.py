@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import tyro
-from scipy.stats import t as student
+from scipy.stats import ttest_1samp
 
 from agents.command_line import run_command
 from agents.policies import load_ensemble
@@ -46,11 +46,10 @@ def card(name: str) -> Iterator[str]:
 
 
 def _mean(values: Sequence[float]) -> str:
-    middle, count = np.mean(values), len(values)
-    if count < 2:
-        return f"{middle:.3f}"
-    wide = student.ppf(0.975, count - 1) * np.std(values, ddof=1) / np.sqrt(count)
-    return f"{middle:.3f} [{middle - wide:.3f}, {middle + wide:.3f}]"
+    if len(values) < 2:
+        return f"{values[0]:.3f}"
+    low, high = ttest_1samp(values, 0.0).confidence_interval(0.95)
+    return f"{np.mean(values):.3f} [{low:.3f}, {high:.3f}]"
 
 
 def show(options: PolicyCards) -> None:

@@ -11,7 +11,7 @@ from markupsafe import Markup, escape
 
 from experiments.lab import charts, player
 from experiments.lab.charts import POWER, SYMBOL
-from experiments.lab.parts import HeatMap, Picture, Table, Terms
+from experiments.lab.parts import Picture, Table, Terms
 from impact_gym.files import write_file
 
 EXPERIMENTS = Path(__file__).parents[1]
@@ -30,7 +30,7 @@ def typeset(text: str) -> Markup:
 
 
 MACROS: Mapping[type, str] = {  # the macro in lab/parts.html.jinja for each type of part
-    str: "paragraph", Markup: "markup", Table: "table", HeatMap: "heat_map", Picture: "picture", Terms: "terms"
+    str: "paragraph", Table: "table", Picture: "picture", Terms: "terms"
 }  # fmt: skip
 
 

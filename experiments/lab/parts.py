@@ -1,10 +1,10 @@
-"""Parts of pages: sections of paragraphs, tables, heat maps, pictures and terms; tabs."""
+"""Parts of pages: sections of paragraphs, tables, pictures and terms; tabs."""
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import polars as pl
 from markupsafe import Markup
@@ -51,23 +51,6 @@ class Table:
         return found
 
 
-class Heat(NamedTuple):
-    """A cell of a heat map."""
-
-    value: str
-    note: str  # shown under the value
-    ratio: float  # the cell's value divided by a reference value; lower is better
-
-
-@dataclass(frozen=True)
-class HeatMap:
-    """A heat map: the colour of a cell shows `Heat.ratio`."""
-
-    caption: str
-    head: Sequence[str]
-    rows: Sequence[tuple[str, str, Sequence[Heat]]]  # name and values of an argument, a `Heat` for each contestant
-
-
 @dataclass(frozen=True)
 class Picture:
     """A figure of matplotlib, saved as NAME.svg and embedded in the page."""
@@ -86,7 +69,7 @@ class Terms(dict[str, str]):
 
 @dataclass(frozen=True)
 class Section:
-    """A heading, and below it paragraphs (str), tables, heat maps, pictures, terms and further sections."""
+    """A heading, and below it paragraphs (str), tables, pictures, terms and further sections."""
 
     heading: str
     parts: Sequence[Any]

@@ -128,11 +128,6 @@ class Comparison:
         return estimate(self.theirs - self.ours)
 
     @property
-    def ratio(self) -> Estimate:
-        """`ours` / `theirs`."""
-        return estimate(self.ours / self.theirs)
-
-    @property
     def reduction(self) -> Estimate:
         """(`theirs` - `ours`) / `theirs`."""
         return estimate(1.0 - self.ours / self.theirs)

@@ -19,11 +19,6 @@ from experiments.report.episodes import MISSED_TOO_OFTEN, Played, Results
 from experiments.report.matchups import BOUND, PAPER, POLICY
 from impact_gym.task import Task
 
-LIMITS = {(False, False): "", (False, True): "at least ", (True, False): "at most ", (True, True): "about "}
-"""Words before a gain. The key: whether the contestant before, and whether this contestant, takes less time than the
-paper's rule at every weight. At the rule's time, V_p of such a contestant would be lower than the V_p reported."""
-
-
 ABILITIES = {  # what the rule of a tuned baseline adds to the rules above it
     "ConstantSpeed": "the arm's limits",
     "ConstantDeceleration": "knowing where objects can stand",
@@ -62,7 +57,6 @@ class Step:
     contestant: str
     scenarios: int
     later: float  # s, the contestant's mean approach time nearest to the rule's, minus the rule's
-    limit: str  # words from LIMITS
     velocity: Gain  # V_p at the mean approach time of the paper's rule, or at the contestant's nearest time
     weight: float  # typical time weight w, m/s per s
     loss: Gain  # m/s, V_p + w T + cost of misses
@@ -111,15 +105,13 @@ def _steps(sequence: Sequence[Link], resamples: Resamples, weight: float, policy
     time = fronts[0][0][0, 0]  # mean approach time of the paper's rule, s
     later = [float(np.clip(time, times[0].min(), times[0].max()) - time) for times, _ in fronts]
     missed = max(np.mean([run["missed"] for run in link.runs]) for link in sequence)
-    claimed = max(later) == later[policy] == 0.0 and missed <= MISSED_TOO_OFTEN
+    claimed = not any(later) and missed <= MISSED_TOO_OFTEN
     velocities = gains([Comparison.of_fronts(each, fronts[0]).ours for each in fronts], policy, claimed)
     losses = [np.array([run.loss(weight)[: resamples.scenarios] for run in link.runs]) for link in sequence]
     of_losses = gains([resamples.means(loss) for loss in losses], policy)
-    sooner = [delay < 0.0 for delay in later]
-    limits = [LIMITS[pair] for pair in zip([False, *sooner], sooner, strict=False)]
     return [
-        Step(link.added, link.contestant, resamples.scenarios, delay, limit, velocity, weight, loss)
-        for link, delay, limit, velocity, loss in zip(sequence, later, limits, velocities, of_losses, strict=True)
+        Step(link.added, link.contestant, resamples.scenarios, delay, velocity, weight, loss)
+        for link, delay, velocity, loss in zip(sequence, later, velocities, of_losses, strict=True)
     ]
 
 
@@ -141,7 +133,7 @@ def table(steps: Sequence[Step], labels: Mapping[str, str]) -> Table:
     for step in steps:
         subset = "" if step.scenarios == steps[0].scenarios else f", the first {step.scenarios} scenarios"
         gap = f" (at the nearest, {1e3 * abs(step.later):.0f} ms {'later' if step.later > 0 else 'sooner'})"
-        cells = [*_cells(step.velocity, step.limit), *_cells(step.loss)]
+        cells = [*_cells(step.velocity), *_cells(step.loss)]
         cells[0] += gap if step.later else ""
         added = "+ " * bool(step.added) + (step.added or "the paper")
         body.append((added, labels.get(step.contestant, step.contestant) + subset, *cells))
@@ -153,33 +145,13 @@ def table(steps: Sequence[Step], labels: Mapping[str, str]) -> Table:
     return Table(caption, head, body)
 
 
-def _cells(gain: Gain, limit: str = "") -> list[str]:
-    less = "-" if gain.less is None else f"{limit}{gain.less:.3f}"
-    return [f"{gain.value.value:.3f}", less, "-" if gain.share is None else limit + percent(gain.share)]
+def _cells(gain: Gain) -> list[str]:
+    less = "-" if gain.less is None else f"{gain.less:.3f}"
+    return [f"{gain.value.value:.3f}", less, "-" if gain.share is None else percent(gain.share)]
 
 
 def row(steps: Sequence[Step], played: Played) -> dict[str, str]:
     """Return the row of a set-up in the table of shares, texts by heading."""
-    shares = {step.added: step.limit + percent(step.velocity.share) for step in steps
+    shares = {step.added: percent(step.velocity.share) for step in steps
               if step.velocity.share and step.contestant != BOUND}  # fmt: skip
     return {"set-up": played.matchup.name} | shares
-
-
-def sentence(steps: Sequence[Step]) -> str:
-    """Return a sentence with the share of each gain in V_p; "" if a share is missing, or if there is only one gain.
-
-    If a step has `later` > 0, the sentence has shares of the gain in cost. The clairvoyant search is left out.
-    """
-    first, *gained = (step for step in steps if step.contestant != BOUND)
-    if any(step.later > 0.0 for step in gained):
-        before, after = first.loss.value.value, gained[-1].loss.value.value
-        subject = (
-            f"the {before - after:.3f} m/s by which the policies on average lower V_p + {first.weight:g} T "
-            f"(from {before:.3f} m/s)"
-        )
-        shares = [("", step.loss.share) for step in gained]
-    else:
-        subject, shares = "that reduction", [(step.limit, step.velocity.share) for step in gained]
-    parts = [f"{limit}{percent(share)} from {step.added}" for (limit, share), step in zip(shares, gained, strict=True)
-             if share]  # fmt: skip
-    return f" Of {subject} come {', '.join(parts)}." if 1 < len(gained) == len(parts) else ""

@@ -10,22 +10,21 @@ from numpy.typing import NDArray
 
 from agents.baselines import PaperTrapezoid
 from agents.evaluate.play import controller_of, pairs, scenario_batch_of
-from agents.evaluate.scenario_batch import MEASURED, Episodes, Travel
+from agents.evaluate.scenario_batch import MEASURED, Episodes
 from agents.policies import Controller
 from experiments.lab import grid
 from experiments.lab.statistics import Floats, Resamples
 from experiments.lab.study import Cell, Measurement
 from experiments.report.changes import changes
 from experiments.report.matchups import PAPER, Contestant, Matchup
-from impact_gym.scene import SpringDamper
 from impact_gym.task import Task
 from impact_gym.task.scenario import FIELDS
 from impact_gym.task.task import MISSED_COST
 
 JSON = Mapping[str, Any]
-FEWER = 500  # largest number of scenarios of a cell that changes the environment or measures deflections
+FEWER = 500  # largest number of scenarios of a cell that changes the environment
 HALVINGS = 9  # number of bisections of the logarithmic range of weights; enough for an error of 1 % in the weight
-CALIBRATION_SCENARIOS = 500  # largest number of scenarios on which `play_as_late` finds a weight; a table is used whole
+CALIBRATION_SCENARIOS = 500  # number of scenarios on which `weight_as_late` finds a weight
 CHOOSING_SEED = 60_000_000  # first seed (a seed of ranges is added); tuning and evaluation use other seeds
 CHOOSING_SCENARIOS = 2000
 MISSED_TOO_OFTEN = 0.01  # share of missed objects above which the report claims no gain
@@ -53,7 +52,7 @@ def cells_of(matchup: Matchup) -> Iterator[Cell]:
 
     for seed in matchup.seeds:
         yield cell("seeds", seed, scenarios, seed.weights)
-        yield cell("as_late", seed, scenarios, seed.weights)
+    yield cell("as_late", matchup.policy, scenarios, matchup.policy.weights)
     for baseline in matchup.baselines:
         tuned = len(baseline.weights) > 1  # a tuned baseline can play at any weight
         weights = sorted({*baseline.weights, *matchup.weights, typical}) if tuned else baseline.weights
@@ -64,9 +63,6 @@ def cells_of(matchup: Matchup) -> Iterator[Cell]:
         searched = min(scenarios["count"], len(bound.controller["clairvoyant"][f"{bound.weights[0]:g}"]))
         first = {**scenarios, "count": searched}
         yield cell("bound", bound, first, bound.weights, {**environment, "privileged": True})
-    if isinstance(Task(**environment).coupling, SpringDamper):
-        for rival in matchup.rivals:
-            yield cell("travelled", rival, some, [typical])
     for labels, changed, where in changes(matchup, some):
         for rival in matchup.rivals:
             labelled, arguments = cell("varied", rival, where, [typical], changed)
@@ -74,9 +70,7 @@ def cells_of(matchup: Matchup) -> Iterator[Cell]:
 
 
 def measured(part: str, **arguments: Any) -> pl.DataFrame:
-    """Return the rows of a cell: those of `grid.play`, or with `travelled` those of `travel`."""
-    if part == "travelled":
-        return travel(**arguments)
+    """Return the rows of a cell."""
     if part == "as_late":
         arguments["weights"] = [weight_as_late(**arguments)]
     return grid.play(**arguments)
@@ -85,9 +79,9 @@ def measured(part: str, **arguments: Any) -> pl.DataFrame:
 def weight_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: Sequence[float]) -> float:
     """Return the weight (m/s per s) within `weights` that gives at most the rule's mean approach time, found elsewhere.
 
-    See `calibration_scenarios` for the scenarios.
+    See `choosing_scenarios` for the scenarios.
     """
-    choosing, task = calibration_scenarios(scenarios), Task(**environment)
+    choosing, task = choosing_scenarios(scenarios, CALIBRATION_SCENARIOS), Task(**environment)
 
     def mean_time(weight: float, player: Controller) -> float:
         return float(scenario_batch_of(choosing, weight, task).play(player).approach_time.mean())
@@ -103,31 +97,12 @@ def weight_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights
     return high
 
 
-def choosing_scenarios(scenarios: JSON) -> dict[str, Any]:
-    """Return other scenarios for the choice of a controller: draws from the same ranges; a table is kept."""
+def choosing_scenarios(scenarios: JSON, count: int = CHOOSING_SCENARIOS) -> dict[str, Any]:
+    """Return other scenarios, to choose a controller or a weight: draws from the same ranges; a table is kept."""
     if "table" in scenarios:
         return dict(scenarios)
     ranges = scenarios.get("ranges") or pairs({"validation": "test"}.get(scenarios["set"], scenarios["set"]))
-    return {"ranges": ranges, "seed": CHOOSING_SEED + scenarios.get("seed", 0), "count": CHOOSING_SCENARIOS}
-
-
-def calibration_scenarios(scenarios: JSON) -> dict[str, Any]:
-    """Return other scenarios than `scenarios`: the set `validation`, or ranges with new seeds; a table is kept."""
-    count = min(CALIBRATION_SCENARIOS, scenarios["count"])
-    if "set" in scenarios:
-        return {"set": "validation", "count": count}
-    if "ranges" in scenarios:
-        return {**scenarios, "seed": scenarios["seed"] + 50_000_000, "count": count}
-    return dict(scenarios)
-
-
-def travel(controller: JSON, environment: JSON, scenarios: JSON, weights: Sequence[float]) -> pl.DataFrame:
-    """Return a row for each episode: the largest deflections (m) `before` the first touch, and `in_all`."""
-    (weight,), task = weights, Task(**environment)
-    batch = scenario_batch_of(scenarios, weight, task)
-    found = Travel(batch.count)
-    batch.play(controller_of(controller, weight, task), watch=found)
-    return pl.DataFrame({"weight": weight, "before": found.deflection, "in_all": found.stroke})
+    return {"ranges": ranges, "seed": CHOOSING_SEED + scenarios.get("seed", 0), "count": count}
 
 
 @dataclass
@@ -135,16 +110,14 @@ class Results:
     """Results of one contestant in one matchup."""
 
     weights: tuple[float, ...]  # time weights, m/s per s
-    arrays: Mapping[
-        str, NDArray[Any]
-    ]  # by name: results (weights, scenarios), and fields of the scenarios (scenarios,)
+    arrays: Mapping[str, NDArray[Any]]  # results (weights, scenarios) and fields of the scenarios (scenarios,), by name
     missed_cost: float = MISSED_COST  # m/s, charge for a missed object
 
     @classmethod
     def of_rows(cls, rows: pl.DataFrame, missed_cost: float) -> "Results":
-        """Return the results in rows of `grid.play` or `travel`, which are sorted by weight and episode."""
+        """Return the results in rows of `grid.play`, which are sorted by weight and episode."""
         weights = tuple(rows["weight"].unique(maintain_order=True).to_list())
-        names = [name for name in (*MEASURED, *FIELDS, "before", "in_all") if name in rows.columns]
+        names = [name for name in (*MEASURED, *FIELDS) if name in rows.columns]
         shaped = {name: rows[name].to_numpy().reshape(len(weights), -1) for name in names if not rows[name].has_nulls()}
         return cls(weights, {name: each[0] if name in FIELDS else each for name, each in shaped.items()}, missed_cost)
 
@@ -182,11 +155,10 @@ class Played:
 
     matchup: Matchup
     seeds: dict[str, Results] = field(default_factory=dict)
-    as_late: dict[str, Results] = field(default_factory=dict)  # of seeds, at about the rule's mean approach time
+    as_late: dict[str, Results] = field(default_factory=dict)  # policy, at about the rule's mean time
     baselines: dict[str, Results] = field(default_factory=dict)
     choosing: dict[str, Results] = field(default_factory=dict)  # in `choosing_scenarios`
     bound: dict[str, Results] = field(default_factory=dict)  # of the clairvoyant search; empty: there was none
-    travelled: dict[str, Results] = field(default_factory=dict)  # deflections, if the coupling is a spring
     varied: pl.DataFrame = field(default_factory=pl.DataFrame)  # rows in changed environments, with labels of `changes`
 
     @classmethod
@@ -214,6 +186,11 @@ class Played:
     def policy(self) -> Results:
         """The median seed."""
         return self.seeds[self.matchup.chosen]
+
+    @property
+    def runs(self) -> dict[str, Results]:
+        """The baselines and the median seed."""
+        return {**self.baselines, self.matchup.chosen: self.policy}
 
     @property
     def searched(self) -> Results | None:

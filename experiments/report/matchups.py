@@ -25,7 +25,6 @@ from impact_gym.validation import identifier, nearest, number
 PAPER = "paper's rule"
 RULE = "paper-trapezoid"  # name of the paper's rule among the baselines
 POLICY = "learned policy"
-IMITATES = "its training begins by imitating"
 BOUND = "clairvoyant search"
 PLAIN = {  # names for readers, by the class of a tuned baseline or the name of a fixed baseline
     "BlindProfile": "tuned profile",
@@ -37,8 +36,8 @@ PLAIN = {  # names for readers, by the class of a tuned baseline or the name of 
     "FirstReadingProfile": "tuned profile over the first reading",
     "Ranged": "tuned braking towards the estimate",
     "RangedProfile": "tuned profile over the estimate",
-    "local-brake": "the local brake",
-    "operator-alone": "the operator alone",
+    "local-brake": "local brake",
+    "operator-alone": "operator alone",
 }
 
 
@@ -52,14 +51,10 @@ class Contestant:
     checksum: str  # SHA-256 of policy, tuned baseline, clairvoyant parameters or the user's module; "": a fixed rule
 
     @property
-    def plain(self) -> str:
-        """Plain name; `name` if PLAIN has none."""
-        return PLAIN.get(self.controller.get("tuned", {}).get("rule", self.name), self.name)
-
-    @property
     def label(self) -> str:
-        """Plain name with `name` in brackets; `name` alone if there is no plain name."""
-        return self.name if self.plain == self.name else f"{self.plain} ({self.name})"
+        """Plain name with `name` in brackets; `name` alone if PLAIN has none."""
+        plain = PLAIN.get(self.controller.get("tuned", {}).get("rule", self.name))
+        return f"{plain} ({self.name})" if plain else self.name
 
 
 @dataclass(frozen=True)
@@ -136,7 +131,7 @@ def of_setup(
     rivals = baselines(setup.against, environment, setup, folder / "tuned")
     teacher = setup.training.teacher
     known = ", which it is compared with" if teacher in setup.against else ""
-    imitates = f"; {IMITATES} {teacher}{known}" if teacher else ""
+    imitates = f"; its training begins by imitating {teacher}{known}" if teacher else ""
     note = setup.about + imitates + quick_look_note(setup, ensemble[None].provenance, rivals)
     bound = clairvoyant(setup, scenarios, folder / "tuned")
     found = Matchup(setup.name, environment, (), f"seed-{ensemble.chosen}", rivals, scenarios, {}, note,

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 from markupsafe import Markup
 
 from agents.evaluate.play import controller_of, frozen_of
-from agents.provenance import todays
 from experiments.lab.parts import Section, Tab, Table, Terms
 from experiments.lab.player import choose, films, fragment
 from experiments.lab.statistics import RESAMPLES
@@ -19,10 +18,6 @@ from experiments.report.episodes import Played
 from experiments.report.matchups import PAPER, POLICY, Matchup
 from impact_gym.task import Task
 
-CHOSEN_ON = {  # words for `episodes.calibration_scenarios`; the keys are keys of `Matchup.scenarios`
-    "table": "these scenarios themselves", "set": "the first scenarios of the validation set",
-    "ranges": "other scenarios from the same ranges",
-}  # fmt: skip
 ABOUT = {  # captions of the contestants in the film
     PAPER: "constant speed; brakes once it senses the touch",
     POLICY: "neural network, trained to touch soon and gently",
@@ -40,6 +35,8 @@ TERMS = Terms({
     "normally. The interval beside it is an interval of the mean.",
     "at the paper's approach time": "at the weight at which the policy has the mean approach time of the paper's rule.",
     "clairvoyant search": "the best approach that a search found for each scenario; it knows the object.",
+    "impact-gym train SETUP --seeds N": "trains the policies, and resumes where it was stopped",
+    "impact-gym tune SETUP --bound": "tunes the baselines and searches the clairvoyant approaches",
 })  # fmt: skip
 
 
@@ -50,77 +47,52 @@ class Analysis(NamedTuple):
     answer: answer.Answer
     choice: choice.Choice
     steps: Sequence[ablation.Step]
+    headline: str
 
-    @classmethod
-    def of(cls, played: Played) -> "Analysis":
-        """Analyse the results of a matchup."""
-        return cls(played, answer.answer(played), choice.choice(played), ablation.steps_of(played))
 
-    @property
-    def summary(self) -> str:
-        """The answer with intervals."""
-        matchup = self.played.matchup
-        if matchup.operated:
-            return f"{matchup.name} ({matchup.note}): {answer.assisted(self.played, intervals=True)}"
-        return answer.sentence(self.answer, matchup) + ablation.sentence(self.steps)
+def _analysis(played: Played) -> Analysis:
+    result, chosen = answer.answer(played), choice.choice(played)
+    short = answer.assisted(played) if played.matchup.operated else answer.sentence(result, played.matchup)
+    return Analysis(played, result, chosen, ablation.steps_of(played), f"{chosen.sentence} {short}")
 
 
 def analyse(matchups: Sequence[Matchup], own: bool, frames: Frames) -> Findings:
     """Return the findings of a report; `own`: whether policies or set-ups are the user's."""
-    found = [Analysis.of(Played.of_rows(matchup, frames["episodes"])) for matchup in matchups]
-    sentences = [
-        text for each in found for text in (f"{each.played.matchup.name}: {each.choice.sentence}", each.summary)
-    ]
+    found = {matchup.name: _analysis(Played.of_rows(matchup, frames["episodes"])) for matchup in matchups}
+    text = "\n".join(f"{name}: {each.headline}" for name, each in found.items())
     numbers = {
-        "choices": {each.played.matchup.name: asdict(each.choice) for each in found},
-        "answers": {each.played.matchup.name: asdict(each.answer) for each in found},
-        "ablations": {each.played.matchup.name: [asdict(step) for step in each.steps] for each in found},
+        "choices": {name: asdict(each.choice) for name, each in found.items()},
+        "answers": {name: asdict(each.answer) for name, each in found.items()},
+        "ablations": {name: [asdict(step) for step in each.steps] for name, each in found.items()},
         "contestants": {
             matchup.name: {each.name: each.checksum for each in (*matchup.seeds, *matchup.baselines)}
             for matchup in matchups
         },
     }
-    return Findings("\n".join(sentences), [_method(found, own)], {}, [_tab(each) for each in found], numbers)
+    return Findings(text, [_method([*found.values()], own)], {}, [*map(_tab, found.values())], numbers)
 
 
 def _tab(found: Analysis) -> Tab:
-    played, result, chosen = found.played, found.answer, found.choice
-    matchup = played.matchup
-    engineer: list[Any] = [Section("Which controller to take", [choice.table(chosen, played)], key="choice")]
-    if matchup.operated:  # the page of a set-up with an operator shows no ablation
-        short = answer.assisted(played)
-    else:
-        short = answer.at_rule_time(result, played)
-        engineer += [
-            Section("At about the paper's approach time: mean and tail", [tables.at_one_time(played)]),
-            Section("Ablation: where the gain comes from", [ablation.table(found.steps, matchup.labels)]),
-        ]
-    engineer += [
-        Section("Times, velocities and forces", [tables.measures(played)], key="forces"),
-        Section("Robustness", [holds.heat_map(played)], key="robustness"),
-        Section("Robustness: every change", [holds.table(played)], folded=True),
+    played, chosen, matchup = found.played, found.choice, found.played.matchup
+    note = [f"{matchup.name}: {matchup.note}."] * bool(matchup.note)
+    caption = ("Policy and baselines are not trained or tuned again. A stiffer coupling keeps its damping ratio. "
+               "Objects outside the training ranges are lighter, stiffer, less elastic and nearer")  # fmt: skip
+    changed, steps = Table.joined(caption, holds.rows(played)), ablation.table(found.steps, matchup.labels)
+    sections = [
+        Section("Choice: which controller to take", [*note, tables.contestants(chosen, played)], key="choice"),
+        *[Section("Ablation: where the gain comes from", [steps], key="ablation")] * (not matchup.operated),
+        Section("Robustness: mean cost (m/s) with one thing changed", [changed], folded=True, key="robustness"),
     ]
-    chosen_on = next(words for kind, words in CHOSEN_ON.items() if kind in matchup.scenarios)
-    note = (f"The weight for the paper's approach time was chosen on {chosen_on}, so the mean times of policy and "
-            "rule differ slightly here.")  # fmt: skip
-    statistician = [
-        *[f"{matchup.name}: {matchup.note}."] * bool(matchup.note),
-        Section("The answer", [found.summary] if matchup.operated else [tables.answered(result, played), note],
-                key="answer"),
-        Section("Trade-off of all seeds and baselines", [tables.trade_off(played), tables.by_weight(played)],
-                folded=True, key="trade-off"),
-    ]  # fmt: skip
     return Tab(
-        matchup.name, matchup.title, f"{chosen.sentence} {short}", matchup.note.partition("A QUICK LOOK, ")[2],
-        holds.where_it_fails(played, chosen.controller), tables.trade_off(played, first_screen=True),
-        Markup(fragment(watch(played), f"watch-{matchup.name}")),
-        [Section("For the engineer: the gain, forces, robustness", engineer, key="engineer"),
-         Section("For the statistician: intervals, seeds, data", statistician, key="statistician")],
+        matchup.name, matchup.title, found.headline, matchup.note.partition("A QUICK LOOK, ")[2],
+        holds.where_it_fails(played, chosen.controller), tables.trade_off(played),
+        Markup(fragment(watch(played), f"watch-{matchup.name}")), sections,
     )  # fmt: skip
 
 
 def _method(found: Sequence[Analysis], own: bool) -> Section:
     matchups = [each.played.matchup for each in found]
+    alone = [each for each in found if not each.played.matchup.operated]
     scenarios = "; ".join(dict.fromkeys(_scenarios(matchup.scenarios) for matchup in matchups))
     over = "training seeds and scenarios"
     if max(len(matchup.seeds) for matchup in matchups) == 1:
@@ -131,20 +103,6 @@ def _method(found: Sequence[Analysis], own: bool) -> Section:
         f"All contestants meet the same scenarios: {scenarios}. Intervals are 95 %, of a bootstrap over {over} "
         f"({RESAMPLES:,} resamples). The primary measure is V_p at the paper's mean approach time, interpolated "
         f"linearly between two time weights of the policy.{measure} {_limits(matchups)}",
-        *_of_all(found),
-        Section("Glossary", [TERMS], folded=True),
-        Section("The policies", [
-            _policies([each.played for each in found]),
-            Terms({"impact-gym train SETUP --seeds N": "trains the policies, and resumes where it was stopped",
-                   "impact-gym tune SETUP --bound": "tunes the baselines and searches the clairvoyant approaches"}),
-        ], folded=True),
-    ], key="all")  # fmt: skip
-
-
-def _of_all(found: Sequence[Analysis]) -> list[Table]:
-    """Return the tables with one or more rows for each set-up."""
-    alone = [each for each in found if not each.played.matchup.operated]
-    return [
         Table.joined("V_p at the mean time of the paper's rule, against the rule",
                      [answer.row(each.answer, each.played) for each in alone], "report-answers"),
         Table.joined("Share of each step from the rule to the policy in the reduction of V_p; 95 % intervals",
@@ -153,7 +111,8 @@ def _of_all(found: Sequence[Analysis]) -> list[Table]:
                      [choice.row(each.choice, each.played) for each in found], "report-choices"),
         Table.joined("Mean cost (m/s) and missed objects with one thing changed",
                      [row for each in found for row in holds.rows(each.played)], "report-robustness"),
-    ]  # fmt: skip
+        Section("Glossary and commands", [TERMS], folded=True),
+    ], key="all")  # fmt: skip
 
 
 def _limits(matchups: Sequence[Matchup]) -> str:
@@ -170,19 +129,6 @@ def _scenarios(scenarios: Mapping[str, Any]) -> str:
         return f"the first {scenarios['count']:,} of the frozen set {scenarios['set']}"
     source = "from a file" if "table" in scenarios else f"drawn from {json.dumps(scenarios['ranges'])}"
     return f"{scenarios['count']:,} {source}, with seeds from {scenarios['seed']:,} on"
-
-
-def _policies(all_played: Sequence[Played]) -> Table:
-    body = []
-    for played in all_played:
-        matchup, (weight,) = played.matchup, played.as_late[played.matchup.chosen].weights
-        name = f"{matchup.title} ({matchup.name})" if matchup.title else matchup.name
-        trained_by, checksum = todays(matchup.provenance.get("command", "-")), matchup.policy.checksum[:16]
-        versions = ", ".join(map(" ".join, matchup.provenance.get("versions", {}).items())) or "-"
-        body.append((name, matchup.chosen, str(len(matchup.seeds)), trained_by, versions, f"{weight:.4g}", checksum))
-    head = ("set-up", "median seed", "seeds", "trained by", "with", "weight at the paper's approach time (m/s per s)",
-            "checksum")  # fmt: skip
-    return Table("The policies; checksums of all contestants are in results.json", head, body)
 
 
 def watch(played: Played) -> dict[str, Any]:

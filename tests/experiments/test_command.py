@@ -1,6 +1,5 @@
 """The command `impact-gym`: its names, commands as text, and the way from a set-up to its controller."""
 
-import json
 import re
 import shlex
 import sys
@@ -22,7 +21,7 @@ from agents.train.__main__ import TrainOptions
 from agents.tune import Tune
 from experiments import command, policies
 from experiments.controller import copy_setup
-from experiments.lab.study import StudyOptions
+from experiments.lab.study import StudyOptions, last_run
 from experiments.studies import QUESTIONS
 from experiments.studies.__main__ import StudyCommand
 
@@ -133,7 +132,7 @@ def test_copy_setup_keeps_a_folder_for_its_set_up(mine, tmp_path):
 def test_controller_goes_from_a_file_to_the_best_controller(mine, tmp_path, exit_of, capsys):
     out, words = tmp_path / "out", ("controller", str(mine), "--out", str(tmp_path / "out"), "--quick")
     assert exit_of(*words) == 0
-    (choice,) = json.loads((out / "report/results.json").read_text())["choices"].values()
+    (choice,) = last_run(out / "report")["numbers"]["choices"].values()
     best = "mine" if choice["controller"].startswith("seed-") else choice["controller"]
     exported, first = [path.stem for path in (out / "export").glob("*.h")], (out / "policies/mine.npz").read_bytes()
     assert exported == ["paper-trapezoid" if best == "paper's rule" else best]

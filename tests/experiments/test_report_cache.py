@@ -103,12 +103,13 @@ def test_report_is_made_anew_where_its_sources_changed(made, source, monkeypatch
 def test_play_as_late_has_the_rules_mean_time():
     """Where the weight is found it is met and not exceeded; in other scenarios, nearly."""
     arm = {"velocity_range": [-0.2, 1.2], "acceleration_range": [1.0, 10.0]}
-    scenarios, validation = ({"set": name, "count": 200} for name in ("test", "validation"))
+    scenarios = {"set": "test", "count": 200}
+    elsewhere = episodes.choosing_scenarios(scenarios, episodes.CALIBRATION_SCENARIOS)
     policy, rule = matchups.of_setup(load_setup("linear-blind"), scenarios).policy, {"baseline": "paper-trapezoid"}
     assert (policy.weights[0], policy.weights[-1]) == load_setup("linear-blind").training.time_weight
     weight = episodes.weight_as_late(policy.controller, arm, scenarios, policy.weights)
-    ours, late = (play(policy.controller, each, [weight], arm) for each in (validation, scenarios))
-    chosen, other = (play(rule, each, environment=arm) for each in (validation, scenarios))
+    ours, late = (play(policy.controller, each, [weight], arm) for each in (elsewhere, scenarios))
+    chosen, other = (play(rule, each, environment=arm) for each in (elsewhere, scenarios))
     assert ours["approach_time"].mean() == pytest.approx(chosen["approach_time"].mean(), abs=1e-3)
     assert ours["approach_time"].mean() <= chosen["approach_time"].mean()
     assert late["approach_time"].mean() == pytest.approx(other["approach_time"].mean(), rel=0.03)

@@ -17,7 +17,7 @@ from agents import jobs
 from experiments import studies
 from experiments.lab import results
 from experiments.lab import study as lab_study
-from experiments.lab.parts import Heat, HeatMap, Picture, Section, Table
+from experiments.lab.parts import Picture, Section, Table
 from experiments.lab.study import Cell, Findings, Measurement, Study, StudyOptions, StudyRun, csv_of
 from experiments.studies import stability, teleop
 from experiments.studies.solvers import approaches, contenders
@@ -45,9 +45,8 @@ def analysed(frames, quick):
     figure.subplots().plot([0, 1], [0, 1])
     squares = Table.of("Squares", frames.get("squares", pl.DataFrame()), {"kind": "{kind}", "V_p": "{square}"},
                        "some-squares")  # fmt: skip
-    heat = HeatMap("Warm is worse", ("what", "cost"), [("noise", "1 tried", [Heat("1.2", "at most", 1.2)])])
     line = Picture("line", figure, "A line that rises.", "V_p over k_c")
-    sections = [Section("Squares of V_p", [squares, Table("Nothing", ("a",), ()), heat, line], key="first")]
+    sections = [Section("Squares of V_p", [squares, Table("Nothing", ("a",), ()), line], key="first")]
     return Findings(f"quick: {quick}", [*sections, Section("More", ["x^2"], True)])
 
 

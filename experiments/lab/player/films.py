@@ -1,6 +1,6 @@
 """Films of notable scenarios: replays of all contestants in the same slow motion, with thinned time histories."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,18 +17,28 @@ from impact_gym.task import Task
 MOST = 200  # number of rows at which `thin` stops adding rows
 POSITION, VELOCITY, FORCE, DEPTH = 0.0003, 0.003, 0.005, 0.005  # allowed interpolation error / largest value
 
+BODIES = ("flange", "tool", "object")
+DECIMALS = {  # decimal places of values in s, m, m/s and N; enough for a stiff contact of 0.1 ms and 1 um penetration
+    "time": 7,
+    **{f"{body}_position": 7 for body in BODIES},
+    **{f"{body}_velocity": 5 for body in BODIES},
+    "contact_force": 5,
+}
+COLUMNS = tuple(DECIMALS)
+AFTER = 0.15  # s, simulated time that the film shows after the end of the last contact
 
-def thin(
-    columns: Mapping[str, NDArray[np.float64]], limits: Mapping[str, float], coarse: float = 1.0
-) -> NDArray[np.int64]:
+Columns = dict[str, NDArray[np.float64]]
+
+
+def thin(columns: Columns, limits: Mapping[str, float], coarse: float = 1.0) -> NDArray[np.int64]:
     """Return the indices of the rows to keep: first, last, and the rows beside each start and end of a contact.
 
     Rows are added until the interpolation errors are at most `coarse` times the allowed errors, or there are MOST rows.
     """
     depth = limits["depth"]
     penetration = columns["tool_position"] - columns["object_position"]
-    scaled = {f"{body}_position": POSITION * limits["farthest"] for body in ("flange", "tool", "object")}
-    scaled |= {f"{body}_velocity": VELOCITY * limits["speed"] for body in ("flange", "tool", "object")}
+    scaled = {f"{body}_position": POSITION * limits["farthest"] for body in BODIES}
+    scaled |= {f"{body}_velocity": VELOCITY * limits["speed"] for body in BODIES}
     channels = [columns[name] / allowed for name, allowed in scaled.items()]
     if depth > 0.0:
         channels.append(columns["contact_force"] / (FORCE * limits["force"]))
@@ -45,63 +55,38 @@ def thin(
     return np.array(rows)
 
 
-def choose(played_baseline: Episodes, played_policy: Episodes) -> dict[str, int]:
+def choose(baseline: Episodes, policy: Episodes) -> dict[str, int]:
     """Return the numbers of notable scenarios by the reason for each choice; ValueError: the scenarios differ."""
-    ours, theirs = played_policy.scenario, played_baseline.scenario
-    if any(not np.array_equal(ours[name], theirs[name]) for name in ours):
+    scenario = policy.scenario
+    if any(not np.array_equal(values, baseline.scenario[name]) for name, values in scenario.items()):
         raise ValueError("baseline and policy must have played the same scenarios")
-    reasons: dict[int, list[str]] = {}
-    for reason, number in _outstanding(played_baseline, played_policy):
-        reasons.setdefault(number, []).append(reason)
-    phrases = {"; ".join(texts): number for number, texts in reasons.items()}
-    return {phrase[0].upper() + phrase[1:]: number for phrase, number in phrases.items()}
-
-
-def _outstanding(baseline: Episodes, policy: Episodes) -> Iterable[tuple[str, int]]:
     touched_by_both = ~(baseline.missed | policy.missed)
     touched = np.flatnonzero(touched_by_both) if touched_by_both.any() else np.arange(len(touched_by_both))
     ours, gain = policy.object_velocity, baseline.object_velocity - policy.object_velocity
-    scenario = policy.scenario
-    contacts = np.maximum(baseline.contact_count, policy.contact_count)
-
-    def largest(values: NDArray[np.float64] | NDArray[np.int64]) -> int:
-        return int(touched[np.argmax(values[touched])])
-
-    if touched_by_both.any():
-        median = touched[np.argsort(ours[touched], kind="stable")][(len(touched) - 1) // 2]
-        yield "a typical scenario: the policy's V_p is the median", int(median)
-        yield "the policy's largest gain on the baseline", largest(gain)
-        worst = largest(-gain)
-        yield f"the policy's {'largest loss to' if gain[worst] < 0.0 else 'smallest gain on'} the baseline", worst
-        yield "the policy's best: its lowest V_p", largest(-ours)
-        yield "the policy's worst: its highest V_p", largest(ours)
-        if contacts[touched].max() > 1:
-            yield "most contacts", largest(contacts)
-        yield "the highest contact force", largest(np.maximum(baseline.peak_force, policy.peak_force))
+    ranks = np.argsort(np.argsort(ours[touched], kind="stable"))
+    extremes: dict[str, NDArray[Any]] = {  # the touched scenario with the largest value, if they differ
+        "A typical scenario: the policy's V_p is the median": -np.abs(ranks - (len(touched) - 1) // 2),
+        "The policy's largest gain on the baseline": gain[touched],
+        "The policy's smallest gain on the baseline, or largest loss": -gain[touched],
+        "The policy's lowest V_p": -ours[touched],
+        "The policy's highest V_p": ours[touched],
+        "Most contacts": np.maximum(baseline.contact_count, policy.contact_count)[touched],
+        "The highest contact force": np.maximum(baseline.peak_force, policy.peak_force)[touched],
+    }
     for field, lowest, highest in (
-        ("object_mass", "the lightest object", "the heaviest object"),
-        ("contact_stiffness", "the softest contact", "the stiffest contact"),
-        ("distance", "the nearest object", "the farthest object"),
-    ):
-        yield lowest, largest(-scenario[field])
-        yield highest, largest(scenario[field])
-    if policy.missed.any():
-        yield "missed by the policy", int(np.argmax(policy.missed))
-    elif baseline.missed.any():
-        yield "missed by the baseline", int(np.argmax(baseline.missed))
-
-
-BODIES = ("flange", "tool", "object")
-DECIMALS = {  # decimal places of values in s, m, m/s and N; enough for a stiff contact of 0.1 ms and 1 um penetration
-    "time": 7,
-    **{f"{body}_position": 7 for body in BODIES},
-    **{f"{body}_velocity": 5 for body in BODIES},
-    "contact_force": 5,
-}
-COLUMNS = tuple(DECIMALS)
-AFTER = 0.15  # s, simulated time that the film shows after the end of the last contact
-
-Columns = dict[str, NDArray[np.float64]]
+        ("object_mass", "lightest object", "heaviest object"), ("contact_stiffness", "softest contact",
+        "stiffest contact"), ("distance", "nearest object", "farthest object"),
+    ):  # fmt: skip
+        extremes |= {f"The {lowest}": -scenario[field][touched], f"The {highest}": scenario[field][touched]}
+    reasons: dict[int, list[str]] = {}
+    for reason, values in extremes.items():
+        if reasons and values.min() == values.max():
+            continue
+        reasons.setdefault(int(touched[np.argmax(values)]), []).append(reason)
+    for name, missed in (("policy", policy.missed), ("baseline", baseline.missed)):
+        if missed.any():
+            reasons.setdefault(int(np.argmax(missed)), []).append(f"Missed by the {name}")
+    return {"; ".join(texts): number for number, texts in reasons.items()}
 
 
 def contacts_of(run: History) -> list[tuple[float, float]]:
