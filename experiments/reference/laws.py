@@ -1,7 +1,7 @@
 """Laws: the dissipation of a contact, the parameters of the robot, and the forces of couplings with stops."""
 
 from collections.abc import Callable, Mapping
-from functools import cache, cached_property
+from functools import cache
 from math import exp, hypot, log, log1p, sqrt
 from typing import Any
 
@@ -155,22 +155,9 @@ class BistableForce:
             T += self.k_s * (self.p_rear + u) + self.c_s * u_dot
         return T
 
-    def energy(self, u: float) -> float:
-        """Return the energy of the spring and of the penetrated stops (J)."""
-        spring = self.k / 2 * (hypot(self.H, self.x0 - u) - self.L0) ** 2
-        return spring + self.k_s / 2 * (max(self.p_front - u, 0.0) ** 2 + max(self.p_rear + u, 0.0) ** 2)
-
-    @cached_property
-    def rests(self) -> tuple[float, float]:
-        """Deflections (m) at rest at the front stop and at the rear stop."""
-        rear = brentq(lambda u: self.spring(self.x0 - u) + self.k_s * (self.p_rear + u), -self.p_rear, 1 - self.p_rear)
-        return 0.0, float(rear)
-
 
 class StoppedSpring(BistableForce):
     """A linear spring and damper with stops at both ends of the travel, like those of `BistableForce`."""
-
-    rests = (0.0, 0.0)
 
     def __init__(self, coupling: Any, tool_mass: float, stop_stiffness: float = 1e5, stop_damping: float = 1.0) -> None:
         self.k, self.c = float(coupling.stiffness), 2 * coupling.damping_ratio * sqrt(coupling.stiffness * tool_mass)
@@ -184,7 +171,3 @@ class StoppedSpring(BistableForce):
     def force(self, u: float, u_dot: float, on: Mapping[str, bool]) -> float:
         """Return the force of spring, damper and the stops that are on (N)."""
         return super().force(u, u_dot, on) + self.c * u_dot
-
-    def energy(self, u: float) -> float:
-        """Return the energy of the spring and of the penetrated stops (J)."""
-        return self.k / 2 * u**2 + self.k_s / 2 * (max(self.p_front - u, 0.0) ** 2 + max(self.p_rear + u, 0.0) ** 2)

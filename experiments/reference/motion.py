@@ -1,7 +1,7 @@
 """The motion of object, tool and flange, integrated from event to event."""
 
 from dataclasses import dataclass
-from math import inf, sqrt
+from math import inf
 from time import thread_time
 
 import numpy as np
@@ -82,26 +82,6 @@ class Motion:
             return float(self.command.at(self.t)[1] - w_dot - u_dot - rate) if self.chain.on["sliding"] else 0.0
         scales = self._system.scales
         return float((self.past_impulse + scales.force * scales.time * self._y[6]) / self.chain.m_p)
-
-    def over(self) -> bool:
-        """Return True only if the command is at rest, no contact is under way, and none can follow; see `task_of`."""
-        x_r, v_r, a, cut = self.command.at(self.t)
-        if self.touching or v_r or a or cut < inf:  # there is a contact, or the command moves now or later
-            return False
-        chain, law = self.chain, self.chain.bistable
-        delta, _, u, u_dot, w, w_dot = self.state.tolist()
-        if chain.friction:  # the object never moves backwards
-            swing = 0.0 if chain.rigid else sqrt(u**2 + u_dot**2 * chain.m_t / chain.k_t)
-            return not chain.on["sliding"] and swing + u < -delta
-        m_r, k_r, _ = (0.0, 0.0, 0.0) if chain.robot is None else chain.robot(x_r)
-        m_t = chain.m_t + m_r if chain.rigid else chain.m_t
-        energy = chain.m_t * (u_dot + w_dot) ** 2 / 2 + m_r * w_dot**2 / 2 + k_r * w**2 / 2 + chain.k_t * u**2 / 2
-        if law is not None:
-            energy += law.energy(u)
-            front = law.x0 - u > 0
-            rests = law.rests if energy >= law.energy(law.x0) else (law.rests[0 if front else 1],)
-            energy -= min(map(law.energy, rests))
-        return self.object_velocity >= sqrt(2 * max(energy, 0.0) / m_t)
 
     def advance(self, until: float) -> None:
         """Advance to `until` (s), or to the time at which the contact force first exceeds the threshold."""

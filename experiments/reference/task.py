@@ -30,7 +30,6 @@ RTOL = 1e-10  # relative tolerance in contacts
 FLOOR = 1e-12  # m/s, `Motion.floor`, as in the environment
 PATIENCE = 3000  # `Motion.patience`, a number of evaluations
 ROUNDING = 1e-9  # s, allowed rounding error of a time
-SETTLE_SLICE = 0.05  # s, largest time between two calls of `Motion.over` after the episode
 # functions by `Scale.curve`; before scaling, `_observe` applies the function to the value and to both limits
 CURVES: dict[str, Callable[[float], float]] = {"linear": float, "log": log, "log1p": log1p}
 
@@ -145,12 +144,10 @@ def _episode(task: Task, scenario: Mapping[str, float], weight: float, estimate:
         now = due
         if due == times[-1]:
             break
-    missed = motion.contacts == 0
-    if not missed:
-        end = motion.t + SETTLE_LIMIT
-        command.steer(motion.t, 0.0, task.acceleration_range[1])
-        while motion.t < end and not motion.over():
-            motion.advance(min(end, motion.t + SETTLE_SLICE))
+    missed, end = motion.contacts == 0, motion.t + SETTLE_LIMIT
+    command.steer(motion.t, 0.0, task.acceleration_range[1])
+    while motion.t < end and not missed:
+        motion.advance(end)
     approach_time = min(motion.first_contact, task.horizon)
     kept = motion.top_speed if motion.chain.friction else motion.object_velocity
     return Outcome(kept, approach_time, motion.peak_force, motion.contacts, missed)
