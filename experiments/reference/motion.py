@@ -6,11 +6,10 @@ from time import thread_time
 
 import numpy as np
 
-from experiments.reference.chain import UNITS, Chain, Scales, StiffError, System
+from experiments.reference.chain import UNITS, Chain, Scales, System
 from experiments.reference.integration import Switch, Vector, advance, fly
 
 FLIGHT_RTOL, FLIGHT_ATOL = 1e-12, 1e-16  # -, m: relative and absolute tolerance in flights without a closed form
-STIFF_RTOL = 1e-8  # least rtol if Radau replaces `method`; with a smaller rtol, Radau would need too many steps
 MOST_STALLED = 16  # largest number of successive phases without duration
 
 
@@ -31,18 +30,16 @@ class Motion:
     """A motion that starts at rest, `distance` (m) before the object. `method` integrates contacts at `rtol`.
 
     Scales and damping of a contact are computed with an approach velocity of at least `floor` (m/s). A step lasts at
-    most 1 / `fastest` in a contact, and `flight_stride` / `fastest` in flight. If a phase of a contact takes more than
-    `patience` evaluations of the derivatives, Radau integrates the rest of the contact.
+    most 1 / `fastest`.
     """
 
     flight_method = "DOP853"
 
     def __init__(
-        self, chain: Chain, distance: float, rtol: float, method: str = "DOP853",
-        *, floor: float = 1e-6, flight_stride: int = 1, patience: float = inf,
-    ) -> None:  # fmt: skip
+        self, chain: Chain, distance: float, rtol: float, method: str = "DOP853", *, floor: float = 1e-6
+    ) -> None:
         self.chain, self.command, self.rtol, self.method = chain, chain.command, rtol, method
-        self.floor, self.flight_stride, self.patience = floor, flight_stride, patience
+        self.floor = floor
         self.t = 0.0  # s
         self.peak_force = 0.0  # N
         self.unread_force = 0.0  # N, largest force since the last reading of the sensor
@@ -113,7 +110,7 @@ class Motion:
     def _touch(self) -> None:
         z, v_in = self.state, float(self.state[1])
         self.contacts, self.first_contact = self.contacts + 1, min(self.first_contact, self.t)
-        self._onset, self._peak, self._stiff = (self.t, v_in), 0.0, False
+        self._onset, self._peak = (self.t, v_in), 0.0
         v_in = max(v_in, self.floor)
         self._go_on(self.chain.contact_scales(self.t, v_in), z, touching=True, damping=self.chain.damping(self.t, v_in))
 
@@ -164,16 +161,9 @@ class Motion:
     def _integrate(self, end: float) -> tuple[float, Vector, Switch | None]:
         if not self.touching:
             return self._by(self.flight_method, end, FLIGHT_RTOL, self.flight_atol)
-        if not self._stiff:
-            self._system.patience = self.patience
-            try:
-                return self._by(self.method, end, self.rtol, np.full(8, self.rtol / 100))
-            except StiffError:
-                self._stiff, self._system.patience = True, inf
-        rtol = max(self.rtol, STIFF_RTOL)
-        return self._by("Radau", end, rtol, np.full(8, rtol / 100))
+        return self._by(self.method, end, self.rtol, np.full(8, self.rtol / 100))
 
     def _by(self, method: str, end: float, rtol: float, atol: Vector) -> tuple[float, Vector, Switch | None]:
-        stride = (1 if self.touching else self.flight_stride) / self.fastest if self.fastest else inf  # s, longest step
+        stride = 1 / self.fastest if self.fastest else inf  # s, longest step
         switches, longest_step = self._system.switches(), stride / self._system.scales.time
         return advance(self._system, end, self._y, switches, method, rtol, atol, longest_step)

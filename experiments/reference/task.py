@@ -28,7 +28,6 @@ SERVED = (
 )  # fmt: skip
 RTOL = 1e-10  # relative tolerance in contacts
 FLOOR = 1e-12  # m/s, `Motion.floor`, as in the environment
-PATIENCE = 3000  # `Motion.patience`, a number of evaluations
 ROUNDING = 1e-9  # s, allowed rounding error of a time
 # functions by `Scale.curve`; before scaling, `_observe` applies the function to the value and to both limits
 CURVES: dict[str, Callable[[float], float]] = {"linear": float, "log": log, "log1p": log1p}
@@ -164,7 +163,7 @@ def _at_rest(task: Task, scenario: Mapping[str, float]) -> Motion:
         robot=task.robot,
     )
     chain = Chain(scene, Command(threshold=task.alarm_threshold))
-    return Motion(chain, scenario["distance"], RTOL, floor=FLOOR, flight_stride=2, patience=PATIENCE)
+    return Motion(chain, scenario["distance"], RTOL, floor=FLOOR)
 
 
 def _observation_times(task: Task, alarm: float, by_reading: bool) -> list[float]:
