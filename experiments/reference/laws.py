@@ -6,7 +6,6 @@ from math import exp, hypot, log, log1p, sqrt
 from typing import Any
 
 import numpy as np
-from numpy import emath
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
@@ -36,12 +35,7 @@ def damping_factor(name: str, e: float, m: float, n: float) -> float:
         raise ValueError(f"reference: dissipation must be one of {[*CLOSURES, 'exact', 'fixed']}, got {name!r}")
     if e == 1:
         return 0.0
-    if m == n:
-        return _equal_exponents(e)
-    if (m, n) == (1, 0):
-        # the damping ratio is zeta = d/2; the restitution falls from 1 at zeta = 0 to 1/(4 zeta^2) at large zeta
-        return 2 * exp(brentq(lambda x: log(_linear_restitution(exp(x)) / e), -40.0, 1.0 - log(e), xtol=1e-15))
-    return _unequal_exponents(e, m, n)
+    return _equal_exponents(e) if m == n else _unequal_exponents(e, m, n)
 
 
 def _equal_exponents(e: float) -> float:
@@ -58,13 +52,6 @@ def _equal_exponents(e: float) -> float:
     limit = (1 - 1e-15) / e
     # at the root, 1 - d e is about (1 + 1/e) exp(-1 - 1/e), below 1e-15 for e < 0.0269; the root is then 1/e
     return float(brentq(excess, 0.0, limit, xtol=1e-300, rtol=1e-15)) if excess(limit) > 0 else 1 / e
-
-
-def _linear_restitution(zeta: float) -> float:
-    """Return the restitution of a contact with a linear spring and damper; the contact ends when the force is 0."""
-    critical = abs(zeta - 1) < 1e-9
-    ratio = 1 - (zeta - 1) / 3 if critical else abs(emath.arccos(zeta) / emath.sqrt(1 - zeta**2))
-    return exp(-2 * zeta * ratio)
 
 
 @cache

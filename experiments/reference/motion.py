@@ -47,7 +47,7 @@ class Motion:
         self.past_impulse = 0.0  # N s, impulse of the contact force on the object, in past contacts
         self.coupling_impulse = 0.0  # N s, impulse of the coupling on the tool, in past contacts
         self.snap_through: list[float] = []  # s, times at which the slider of a bistable coupling passed its alignment
-        self.contacts, self.first_contact = 0, inf  # number of contacts begun; start of the first contact, s
+        self.onsets: list[tuple[float, float]] = []  # start (s) and approach velocity (m/s) of each contact begun
         self.contact_seconds = 0.0  # s, processor time spent on contacts
         self.top_speed = 0.0  # m/s, largest velocity of the object
         self.stop_hits = 0
@@ -99,8 +99,8 @@ class Motion:
         impulse, coupling_impulse = (scales.force * scales.time * self._y[6:]).tolist()
         self.past_impulse += impulse
         self.coupling_impulse += coupling_impulse
-        start, v_in = self._onset
         v_p = self.object_velocity if self.chain.friction else self.past_impulse / self.chain.m_p
+        start, v_in = self.onsets[-1]
         self.records.append(ContactRecord(start, end, v_in, v_out, self._peak, impulse, v_p))
 
     def _go_on(self, scales: Scales, z: Vector, touching: bool, damping: float = 0.0) -> None:
@@ -109,8 +109,8 @@ class Motion:
 
     def _touch(self) -> None:
         z, v_in = self.state, float(self.state[1])
-        self.contacts, self.first_contact = self.contacts + 1, min(self.first_contact, self.t)
-        self._onset, self._peak = (self.t, v_in), 0.0
+        self.onsets.append((self.t, v_in))
+        self._peak = 0.0
         v_in = max(v_in, self.floor)
         self._go_on(self.chain.contact_scales(self.t, v_in), z, touching=True, damping=self.chain.damping(self.t, v_in))
 

@@ -143,13 +143,13 @@ def _episode(task: Task, scenario: Mapping[str, float], weight: float, estimate:
         now = due
         if due == times[-1]:
             break
-    missed, end = motion.contacts == 0, motion.t + SETTLE_LIMIT
+    missed, end = not motion.onsets, motion.t + SETTLE_LIMIT
     command.steer(motion.t, 0.0, task.acceleration_range[1])
     while motion.t < end and not missed:
         motion.advance(end)
-    approach_time = min(motion.first_contact, task.horizon)
+    approach_time = task.horizon if missed else min(motion.onsets[0][0], task.horizon)
     kept = motion.top_speed if motion.chain.friction else motion.object_velocity
-    return Outcome(kept, approach_time, motion.peak_force, motion.contacts, missed)
+    return Outcome(kept, approach_time, motion.peak_force, len(motion.onsets), missed)
 
 
 def _at_rest(task: Task, scenario: Mapping[str, float]) -> Motion:

@@ -82,7 +82,8 @@ def about_times(times: pl.DataFrame) -> tuple[str, list[Section]]:
             "library count, flights included, on one thread; compiling does not count.",
             "SciPy: RK45, DOP853, LSODA, Radau with events through the same slow solver. Only the time inside contacts "
             "counts, because these methods compute no flights. Equations are Python functions, as SciPy requires.",
-            "Time: processor time of the shortest of many calls, in several rounds. Calls over 0.2 s are made once.",
+            "Time: processor time of the shortest of many calls, in several rounds of all solvers in one process. "
+            "Calls over 0.2 s are made once.",
         ]),
     ]  # fmt: skip
 
