@@ -40,10 +40,6 @@ class Scales:
 UNITS = Scales(1.0, 1.0, 1.0)
 
 
-class StiffError(Exception):
-    """An explicit method needs too many evaluations."""
-
-
 class Chain:
     """Bodies and force laws of a scene (SI units); `on`: whether each switch is on. `motion` may be a `Command`."""
 
@@ -113,7 +109,6 @@ class System:
         self.mass_unit = self.damping_unit * scales.time
         self.m_t, self.m_p = chain.m_t / self.mass_unit, chain.m_p / self.mass_unit
         self.k_t, self.c_t = chain.k_t / self.stiffness_unit, chain.c_t / self.damping_unit
-        self.patience = inf  # number of calls of `rates` before a StiffError
 
     def enter(self, t: float) -> float:
         """Begin a phase at t (s); return the time (s) at which the command reaches its next piece or node."""
@@ -168,10 +163,7 @@ class System:
         return float(v_r * self.scales.time / self.scales.length - y[5] - y[3] - y[1])
 
     def rates(self, tau: float, y: Vector) -> list[float]:
-        """Return `derivatives`, or nan after an overflow in a trial step; StiffError: after `patience` calls."""
-        self.patience -= 1
-        if self.patience < 0:
-            raise StiffError
+        """Return `derivatives`, or nan after an overflow in a trial step."""
         try:
             return self.derivatives(tau, y.tolist(), self.alpha)
         except OverflowError:

@@ -1,12 +1,11 @@
 """Laws: the dissipation of a contact, the parameters of the robot, and the forces of couplings with stops."""
 
 from collections.abc import Callable, Mapping
-from functools import cache, cached_property
+from functools import cache
 from math import exp, hypot, log, log1p, sqrt
 from typing import Any
 
 import numpy as np
-from numpy import emath
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
@@ -36,12 +35,7 @@ def damping_factor(name: str, e: float, m: float, n: float) -> float:
         raise ValueError(f"reference: dissipation must be one of {[*CLOSURES, 'exact', 'fixed']}, got {name!r}")
     if e == 1:
         return 0.0
-    if m == n:
-        return _equal_exponents(e)
-    if (m, n) == (1, 0):
-        # the damping ratio is zeta = d/2; the restitution falls from 1 at zeta = 0 to 1/(4 zeta^2) at large zeta
-        return 2 * exp(brentq(lambda x: log(_linear_restitution(exp(x)) / e), -40.0, 1.0 - log(e), xtol=1e-15))
-    return _unequal_exponents(e, m, n)
+    return _equal_exponents(e) if m == n else _unequal_exponents(e, m, n)
 
 
 def _equal_exponents(e: float) -> float:
@@ -58,13 +52,6 @@ def _equal_exponents(e: float) -> float:
     limit = (1 - 1e-15) / e
     # at the root, 1 - d e is about (1 + 1/e) exp(-1 - 1/e), below 1e-15 for e < 0.0269; the root is then 1/e
     return float(brentq(excess, 0.0, limit, xtol=1e-300, rtol=1e-15)) if excess(limit) > 0 else 1 / e
-
-
-def _linear_restitution(zeta: float) -> float:
-    """Return the restitution of a contact with a linear spring and damper; the contact ends when the force is 0."""
-    critical = abs(zeta - 1) < 1e-9
-    ratio = 1 - (zeta - 1) / 3 if critical else abs(emath.arccos(zeta) / emath.sqrt(1 - zeta**2))
-    return exp(-2 * zeta * ratio)
 
 
 @cache
@@ -155,22 +142,9 @@ class BistableForce:
             T += self.k_s * (self.p_rear + u) + self.c_s * u_dot
         return T
 
-    def energy(self, u: float) -> float:
-        """Return the energy of the spring and of the penetrated stops (J)."""
-        spring = self.k / 2 * (hypot(self.H, self.x0 - u) - self.L0) ** 2
-        return spring + self.k_s / 2 * (max(self.p_front - u, 0.0) ** 2 + max(self.p_rear + u, 0.0) ** 2)
-
-    @cached_property
-    def rests(self) -> tuple[float, float]:
-        """Deflections (m) at rest at the front stop and at the rear stop."""
-        rear = brentq(lambda u: self.spring(self.x0 - u) + self.k_s * (self.p_rear + u), -self.p_rear, 1 - self.p_rear)
-        return 0.0, float(rear)
-
 
 class StoppedSpring(BistableForce):
     """A linear spring and damper with stops at both ends of the travel, like those of `BistableForce`."""
-
-    rests = (0.0, 0.0)
 
     def __init__(self, coupling: Any, tool_mass: float, stop_stiffness: float = 1e5, stop_damping: float = 1.0) -> None:
         self.k, self.c = float(coupling.stiffness), 2 * coupling.damping_ratio * sqrt(coupling.stiffness * tool_mass)
@@ -184,7 +158,3 @@ class StoppedSpring(BistableForce):
     def force(self, u: float, u_dot: float, on: Mapping[str, bool]) -> float:
         """Return the force of spring, damper and the stops that are on (N)."""
         return super().force(u, u_dot, on) + self.c * u_dot
-
-    def energy(self, u: float) -> float:
-        """Return the energy of the spring and of the penetrated stops (J)."""
-        return self.k / 2 * u**2 + self.k_s / 2 * (max(self.p_front - u, 0.0) ** 2 + max(self.p_rear + u, 0.0) ** 2)

@@ -1,16 +1,15 @@
 """The motion of object, tool and flange, integrated from event to event."""
 
 from dataclasses import dataclass
-from math import inf, sqrt
+from math import inf
 from time import thread_time
 
 import numpy as np
 
-from experiments.reference.chain import UNITS, Chain, Scales, StiffError, System
+from experiments.reference.chain import UNITS, Chain, Scales, System
 from experiments.reference.integration import Switch, Vector, advance, fly
 
 FLIGHT_RTOL, FLIGHT_ATOL = 1e-12, 1e-16  # -, m: relative and absolute tolerance in flights without a closed form
-STIFF_RTOL = 1e-8  # least rtol if Radau replaces `method`; with a smaller rtol, Radau would need too many steps
 MOST_STALLED = 16  # largest number of successive phases without duration
 
 
@@ -31,18 +30,16 @@ class Motion:
     """A motion that starts at rest, `distance` (m) before the object. `method` integrates contacts at `rtol`.
 
     Scales and damping of a contact are computed with an approach velocity of at least `floor` (m/s). A step lasts at
-    most 1 / `fastest` in a contact, and `flight_stride` / `fastest` in flight. If a phase of a contact takes more than
-    `patience` evaluations of the derivatives, Radau integrates the rest of the contact.
+    most 1 / `fastest`.
     """
 
     flight_method = "DOP853"
 
     def __init__(
-        self, chain: Chain, distance: float, rtol: float, method: str = "DOP853",
-        *, floor: float = 1e-6, flight_stride: int = 1, patience: float = inf,
-    ) -> None:  # fmt: skip
+        self, chain: Chain, distance: float, rtol: float, method: str = "DOP853", *, floor: float = 1e-6
+    ) -> None:
         self.chain, self.command, self.rtol, self.method = chain, chain.command, rtol, method
-        self.floor, self.flight_stride, self.patience = floor, flight_stride, patience
+        self.floor = floor
         self.t = 0.0  # s
         self.peak_force = 0.0  # N
         self.unread_force = 0.0  # N, largest force since the last reading of the sensor
@@ -50,7 +47,7 @@ class Motion:
         self.past_impulse = 0.0  # N s, impulse of the contact force on the object, in past contacts
         self.coupling_impulse = 0.0  # N s, impulse of the coupling on the tool, in past contacts
         self.snap_through: list[float] = []  # s, times at which the slider of a bistable coupling passed its alignment
-        self.contacts, self.first_contact = 0, inf  # number of contacts begun; start of the first contact, s
+        self.onsets: list[tuple[float, float]] = []  # start (s) and approach velocity (m/s) of each contact begun
         self.contact_seconds = 0.0  # s, processor time spent on contacts
         self.top_speed = 0.0  # m/s, largest velocity of the object
         self.stop_hits = 0
@@ -83,26 +80,6 @@ class Motion:
         scales = self._system.scales
         return float((self.past_impulse + scales.force * scales.time * self._y[6]) / self.chain.m_p)
 
-    def over(self) -> bool:
-        """Return True only if the command is at rest, no contact is under way, and none can follow; see `task_of`."""
-        x_r, v_r, a, cut = self.command.at(self.t)
-        if self.touching or v_r or a or cut < inf:  # there is a contact, or the command moves now or later
-            return False
-        chain, law = self.chain, self.chain.bistable
-        delta, _, u, u_dot, w, w_dot = self.state.tolist()
-        if chain.friction:  # the object never moves backwards
-            swing = 0.0 if chain.rigid else sqrt(u**2 + u_dot**2 * chain.m_t / chain.k_t)
-            return not chain.on["sliding"] and swing + u < -delta
-        m_r, k_r, _ = (0.0, 0.0, 0.0) if chain.robot is None else chain.robot(x_r)
-        m_t = chain.m_t + m_r if chain.rigid else chain.m_t
-        energy = chain.m_t * (u_dot + w_dot) ** 2 / 2 + m_r * w_dot**2 / 2 + k_r * w**2 / 2 + chain.k_t * u**2 / 2
-        if law is not None:
-            energy += law.energy(u)
-            front = law.x0 - u > 0
-            rests = law.rests if energy >= law.energy(law.x0) else (law.rests[0 if front else 1],)
-            energy -= min(map(law.energy, rests))
-        return self.object_velocity >= sqrt(2 * max(energy, 0.0) / m_t)
-
     def advance(self, until: float) -> None:
         """Advance to `until` (s), or to the time at which the contact force first exceeds the threshold."""
         unfelt = self.command.detection_time is None
@@ -122,8 +99,8 @@ class Motion:
         impulse, coupling_impulse = (scales.force * scales.time * self._y[6:]).tolist()
         self.past_impulse += impulse
         self.coupling_impulse += coupling_impulse
-        start, v_in = self._onset
         v_p = self.object_velocity if self.chain.friction else self.past_impulse / self.chain.m_p
+        start, v_in = self.onsets[-1]
         self.records.append(ContactRecord(start, end, v_in, v_out, self._peak, impulse, v_p))
 
     def _go_on(self, scales: Scales, z: Vector, touching: bool, damping: float = 0.0) -> None:
@@ -132,8 +109,8 @@ class Motion:
 
     def _touch(self) -> None:
         z, v_in = self.state, float(self.state[1])
-        self.contacts, self.first_contact = self.contacts + 1, min(self.first_contact, self.t)
-        self._onset, self._peak, self._stiff = (self.t, v_in), 0.0, False
+        self.onsets.append((self.t, v_in))
+        self._peak = 0.0
         v_in = max(v_in, self.floor)
         self._go_on(self.chain.contact_scales(self.t, v_in), z, touching=True, damping=self.chain.damping(self.t, v_in))
 
@@ -184,16 +161,9 @@ class Motion:
     def _integrate(self, end: float) -> tuple[float, Vector, Switch | None]:
         if not self.touching:
             return self._by(self.flight_method, end, FLIGHT_RTOL, self.flight_atol)
-        if not self._stiff:
-            self._system.patience = self.patience
-            try:
-                return self._by(self.method, end, self.rtol, np.full(8, self.rtol / 100))
-            except StiffError:
-                self._stiff, self._system.patience = True, inf
-        rtol = max(self.rtol, STIFF_RTOL)
-        return self._by("Radau", end, rtol, np.full(8, rtol / 100))
+        return self._by(self.method, end, self.rtol, np.full(8, self.rtol / 100))
 
     def _by(self, method: str, end: float, rtol: float, atol: Vector) -> tuple[float, Vector, Switch | None]:
-        stride = (1 if self.touching else self.flight_stride) / self.fastest if self.fastest else inf  # s, longest step
+        stride = 1 / self.fastest if self.fastest else inf  # s, longest step
         switches, longest_step = self._system.switches(), stride / self._system.scales.time
         return advance(self._system, end, self._y, switches, method, rtol, atol, longest_step)

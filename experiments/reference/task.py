@@ -28,9 +28,7 @@ SERVED = (
 )  # fmt: skip
 RTOL = 1e-10  # relative tolerance in contacts
 FLOOR = 1e-12  # m/s, `Motion.floor`, as in the environment
-PATIENCE = 3000  # `Motion.patience`, a number of evaluations
 ROUNDING = 1e-9  # s, allowed rounding error of a time
-SETTLE_SLICE = 0.05  # s, largest time between two calls of `Motion.over` after the episode
 # functions by `Scale.curve`; before scaling, `_observe` applies the function to the value and to both limits
 CURVES: dict[str, Callable[[float], float]] = {"linear": float, "log": log, "log1p": log1p}
 
@@ -145,15 +143,13 @@ def _episode(task: Task, scenario: Mapping[str, float], weight: float, estimate:
         now = due
         if due == times[-1]:
             break
-    missed = motion.contacts == 0
-    if not missed:
-        end = motion.t + SETTLE_LIMIT
-        command.steer(motion.t, 0.0, task.acceleration_range[1])
-        while motion.t < end and not motion.over():
-            motion.advance(min(end, motion.t + SETTLE_SLICE))
-    approach_time = min(motion.first_contact, task.horizon)
+    missed, end = not motion.onsets, motion.t + SETTLE_LIMIT
+    command.steer(motion.t, 0.0, task.acceleration_range[1])
+    while motion.t < end and not missed:
+        motion.advance(end)
+    approach_time = task.horizon if missed else min(motion.onsets[0][0], task.horizon)
     kept = motion.top_speed if motion.chain.friction else motion.object_velocity
-    return Outcome(kept, approach_time, motion.peak_force, motion.contacts, missed)
+    return Outcome(kept, approach_time, motion.peak_force, len(motion.onsets), missed)
 
 
 def _at_rest(task: Task, scenario: Mapping[str, float]) -> Motion:
@@ -167,7 +163,7 @@ def _at_rest(task: Task, scenario: Mapping[str, float]) -> Motion:
         robot=task.robot,
     )
     chain = Chain(scene, Command(threshold=task.alarm_threshold))
-    return Motion(chain, scenario["distance"], RTOL, floor=FLOOR, flight_stride=2, patience=PATIENCE)
+    return Motion(chain, scenario["distance"], RTOL, floor=FLOOR)
 
 
 def _observation_times(task: Task, alarm: float, by_reading: bool) -> list[float]:

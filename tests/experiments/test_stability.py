@@ -9,11 +9,11 @@ import pytest
 from solver_scenes import COUPLINGS, MOTION, ROBOTS, scene
 
 import impact_gym as ig
+from experiments.studies import speed, stability
 from experiments.studies.solvers import approaches, contenders, taylor
 from experiments.studies.solvers.approaches import Approach, Solution
 from experiments.studies.solvers.contenders import HEYOKA, OURS, SCIPY
-from experiments.studies.speed import precision
-from experiments.studies.stability import promises, storm
+from experiments.studies.stability import storm
 
 NAMED = approaches.named()
 
@@ -60,8 +60,8 @@ def test_ratio_is_of_the_two_times_in_its_row():
     no = "not reached"
     for error, cells in ((1e-4, ["50", "10", no, "0.2", "-"]), (1e-6, ["50", "1,000", no, "20", "-"]),
                          (1e-8, ["50", no, no, "-", "-"]), (1e-10, [no, no, no, "-", "-"])):  # fmt: skip
-        assert precision.table_of(times, error).rows == [["soft", "one", *cells]]
-    assert precision.about_times(times)[0].endswith("in V_p: heyoka / impact_gym 20 to 20.")
+        assert speed.table_of(times, error).rows == [["soft", "one", *cells]]
+    assert speed.about_times(times)[0].endswith("in V_p: heyoka / impact_gym 20 to 20.")
 
 
 def approach_of(coupling=None, robot=None, e=0.5, motion=MOTION):
@@ -91,7 +91,7 @@ def frame_of(*rows):
 
 
 def promises_broken(row):
-    return {*promises.failures(frame_of(row | {"milliseconds": 1.0}))["promise"]}
+    return {*stability.failures(frame_of(row | {"milliseconds": 1.0}))["promise"]}
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
@@ -128,14 +128,14 @@ def planted(**changes):
 
 
 @pytest.mark.parametrize(("fault", "promise"), [
-    ({"separation_velocity": lambda v: 1.01 * v}, promises.PASSIVE),
-    ({"trace.contact_force": lambda force: force.put(400, -1e-9)}, promises.PUSHED),
-    ({"impulse": lambda j: -j}, promises.PUSHED),
-    ({"impulse": lambda j: j * (1 + 1e-8)}, promises.BALANCED),
-    ({"momentum_error": lambda _: 2e-9}, promises.BALANCED),
-    ({"momentum_error": lambda _: math.nan}, promises.BALANCED),
-    ({"trace.tool_position": lambda place: place.put(3, math.nan)}, promises.FINITE),
-    ({"peak_force": lambda _: math.inf}, promises.FINITE),
+    ({"separation_velocity": lambda v: 1.01 * v}, stability.PASSIVE),
+    ({"trace.contact_force": lambda force: force.put(400, -1e-9)}, stability.PUSHED),
+    ({"impulse": lambda j: -j}, stability.PUSHED),
+    ({"impulse": lambda j: j * (1 + 1e-8)}, stability.BALANCED),
+    ({"momentum_error": lambda _: 2e-9}, stability.BALANCED),
+    ({"momentum_error": lambda _: math.nan}, stability.BALANCED),
+    ({"trace.tool_position": lambda place: place.put(3, math.nan)}, stability.FINITE),
+    ({"peak_force": lambda _: math.inf}, stability.FINITE),
 ])  # fmt: skip
 @pytest.mark.parametrize("coupling", COUPLINGS)
 def test_row_of_a_planted_fault_breaks_its_promise(fault, promise, coupling):
@@ -147,25 +147,25 @@ def test_check_finds_an_object_slowed_between_two_contacts():
     outcome = ig.simulate(*approach_of(ig.SpringDamper(150.0), e=1.0).run)
     first, second, *rest = outcome.contacts
     slowed = first, second._replace(object_velocity=first.object_velocity - 1e-6), *rest
-    assert storm.checked(approach_of().scene, outcome._replace(contacts=slowed))["pull"] > promises.PULL
+    assert storm.checked(approach_of().scene, outcome._replace(contacts=slowed))["pull"] > stability.PULL
 
 
 def test_failures_name_runs_that_stop_hang_or_do_not_settle():
     row = storm.row_of(approach_of(ig.SpringDamper(150.0))) | {"milliseconds": 1.0}
-    for name, value, promise in (("milliseconds", 50.1, promises.FAST), *(
-        ("finer_change", change, promises.SETTLED) for change in (2e-6, math.nan, None))):  # fmt: skip
-        assert {*promises.failures(frame_of(row | {name: value}))["promise"]} == {promise.text}
+    for name, value, promise in (("milliseconds", 50.1, stability.FAST), *(
+        ("finer_change", change, stability.SETTLED) for change in (2e-6, math.nan, None))):  # fmt: skip
+        assert {*stability.failures(frame_of(row | {name: value}))["promise"]} == {promise.text}
     for_ever = scene(1e12, 1.0, distance=1e-7)  # bounces of 0.2 ms
     stopped = storm.row_of(Approach("7", "", for_ever, ig.Trapezoid(2000.0, 20.0), 20.0)) | {"milliseconds": 1.0}
     hung = approaches.storm(3).about | {"failure": "no answer within 120 s"}
-    broken = promises.failures(frame_of(row, stopped, hung))
-    assert [row[:2] for row in broken.select("scene", "promise").rows()] == [(k, promises.ENDED.text) for k in (1, 2)]
+    broken = stability.failures(frame_of(row, stopped, hung))
+    assert [row[:2] for row in broken.select("scene", "promise").rows()] == [(k, stability.ENDED.text) for k in (1, 2)]
 
 
 def test_agreement_finds_differences_and_counts_the_unknown():
     ours, (truth,) = frame_of(storm.row_of(approaches.storm(5))), storm.truth_row(5)
     elsewhere, passed = {"velocity": truth["velocity"] * (1 + 3e-6)}, {"passes": truth["passes"] + 1}
     for change, apart in (({}, [False]), (elsewhere, [True]), (passed, [True]), ({"failure": "no answer"}, [])):
-        found = promises.agreement(ours, frame_of(truth | change))
+        found = stability.agreement(ours, frame_of(truth | change))
         assert found["apart"].to_list() == apart
-        assert promises.over_agreement(found)["kept"] == ("yes" if apart == [False] else "no")
+        assert stability.AGREES.finding(found)["kept"] == ("yes" if apart == [False] else "no")

@@ -22,10 +22,10 @@ from experiments.lab.study import Cell, Findings, Measurement, Study, StudyOptio
 from experiments.studies import stability, teleop
 from experiments.studies.solvers import approaches, contenders
 from experiments.studies.speed import rates
-from experiments.studies.stability import promises, storm
+from experiments.studies.stability import storm
 from impact_gym.sources import compiled_from
 
-FIGURES = {"paper": 1, "speed": 1, "stability": 0, "teleop": 0, "speed of trainings": 0}
+FIGURES = {"paper": 1, "speed": 0, "stability": 0, "teleop": 0, "speed of trainings": 0}
 EVERY = [pytest.param(name, marks=pytest.mark.slow) if "training" in name else name for name in FIGURES]
 
 
@@ -236,7 +236,7 @@ def test_page_of_stability_lists_every_failure(small):
     change = pl.DataFrame({"scene": [3, 5], "milliseconds": [77.0, 0.1], "failure": ["", "RuntimeError: it stopped"]})
     findings = stability.STUDY.analyse(run | {"storm": run["storm"].update(change, on="scene")}, False)
     listed = {row[:2] for row in findings.tables["failures"].iter_rows()}
-    assert listed >= {(3, promises.FAST.text), (5, promises.ENDED.text)}
+    assert listed >= {(3, stability.FAST.text), (5, stability.ENDED.text)}
     verdicts = {text: numbers for text, *numbers in findings.sections[0].parts[0].rows}
-    assert verdicts[promises.FAST.text][0] == "no"
-    assert verdicts[promises.FINITE.text][:3] == ["yes", "8", "0"]
+    assert verdicts[stability.FAST.text][0] == "no"
+    assert verdicts[stability.FINITE.text][:3] == ["yes", "8", "0"]

@@ -6,7 +6,7 @@ policy plays objects that no training used.
 """
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 from pkgutil import resolve_name
@@ -15,14 +15,12 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from matplotlib.figure import Figure
 
 from agents.evaluate.play import controller_of
 from agents.evaluate.scenario_batch import ScenarioBatch
 from agents.policies import load_policy
 from agents.setups import load_setup
-from experiments.lab.charts import OTHERS, SERIES
-from experiments.lab.parts import Picture, Section, Table
+from experiments.lab.parts import Section, Table
 from experiments.lab.study import Cell, Findings, Frames, Measurement, Row, Study
 from experiments.studies import QUESTIONS
 
@@ -104,22 +102,6 @@ def other_costs(setup: str) -> list[Row]:
     return [{name: cost_of(each, setup) for name, each in zip(COMPARED, (*rules, load_policy(setup)), strict=True)}]
 
 
-def chart(found: pl.DataFrame, costs: Mapping[str, float]) -> Figure:
-    """Return a figure of median and range of the cost over time. Horizontal lines are other controllers."""
-    figure = Figure(figsize=(8.0, 4.6))
-    axes = figure.subplots()
-    for algorithm, colour in zip(ALGORITHMS, (SERIES[1], *SERIES[3:], OTHERS), strict=True):
-        rows = found.filter(algorithm=algorithm)
-        axes.plot(rows["seconds"], rows["median"], "o-", color=colour, label=LABELS[algorithm], markersize=4)
-        axes.fill_between(rows["seconds"], rows["low"], rows["high"], color=colour, alpha=0.12, linewidth=0.0)
-    for (words, cost), style in zip(costs.items(), ("--", "-", ":"), strict=True):
-        axes.axhline(cost, color=SERIES[0], linestyle=style, linewidth=1.2, label=words)
-    axes.set(xscale="log", xlabel="processor time of the training (s)", ylabel="cost (m/s)", ylim=(0.8, 1.6))
-    axes.set_xticks(MARKS, map(str, MARKS))
-    axes.legend(fontsize=8, ncols=2)
-    return figure
-
-
 def analyse(frames: Frames, _: bool) -> Findings:
     """Compare the algorithms at each time in MARKS and at the end."""
     frame = pl.concat([frames[algorithm] for algorithm in ALGORITHMS], how="diagonal_relaxed")
@@ -146,13 +128,11 @@ def analyse(frames: Frames, _: bool) -> Findings:
     head = ("environment", *(f"{name} (m/s)" for name in (*map(LABELS.get, names), *COMPARED)))
     caption = "Cost at the end of the trainings, median [least, largest], beside other controllers"
     others = Table(caption, head, rows, "stock-others")
-    here = found.filter(setup=FIRST)
     best = min(names, key=lambda name: ends[FIRST, name]["median"])
     lines = dict(zip(COMPARED, compared[FIRST], strict=True))
     answer = (f"{LABELS[best]} has the lowest median cost at the end of the training, {ends[FIRST, best]['median']:.3f}"
               f" m/s; {', '.join(f'{name}: {value:.3f} m/s' for name, value in lines.items())}.")  # fmt: skip
-    picture = Picture("stock_agents", chart(here, lines), "cost of each algorithm over the training's processor time")
-    return Findings(answer, [Section("Trainings", [picture, costs]), Section("All environments", [others])])
+    return Findings(answer, [Section("Trainings", [costs]), Section("All environments", [others])])
 
 
 DEPENDS = ("impact_gym", "agents.evaluate", "agents.baselines", "agents.policies", "agents.setups", "agents.tuned")
