@@ -48,6 +48,8 @@ PERIOD = 0.021  # s; sums of it are rounded down, so that a packet seems to arri
 def test_arm_follows_the_newest_command_until_it_expires(channel, scenario):
     batch = steered(ig.operators.Reach(0.0, 0.1), uplink=channel, scenario=scenario, control_period=PERIOD)
     packets, gone = sent(batch, OWN, steps=120)[0], 0
+    stored = batch.tasks[0].link.packets(9.0, PERIOD)
+    assert stored >= (channel.delay + 12.0 * channel.jitter) / PERIOD  # none is overwritten in transit
     for each in played(batch, OWN, steps=120):
         sensors, link = each.episodes["sensors"][0], each.links[0]
         now = sensors["time"]

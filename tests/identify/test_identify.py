@@ -18,6 +18,7 @@ import impact_gym as ig
 from agents import load_setup
 from impact_gym.identify.__main__ import main, set_up
 from impact_gym.identify.held_out import HeldOut, Prediction
+from impact_gym.identify.search import scatter
 
 TRUTH, SLOW = scene(1e5, 0.5), replace(MOTION, speed=0.5)
 BOTH = ("force", "object_velocity")
@@ -56,6 +57,9 @@ def test_identify_finds_the_numbers_behind_a_log(truth, recorded, sensor):
         trace = ig.simulate(fit.scene, MOTION, 0.4, trace=True).trace
         fitted = np.interp(given["time"] - fit.start[0], trace.time, trace.contact_force)
         assert fit.residuals[0]["force"] == pytest.approx(given["force"] - fitted, abs=1e-2 * fitted.max())
+    for number, *starts in zip(fit.fit.model.free, *scatter(fit.fit.model), strict=False):
+        low, high = map(number.coordinate, number.searched)  # a start in each part of the range
+        assert len({*range(40)} & {math.floor(40 * (u - low) / (high - low)) for u in starts}) > 30
     labels = [axes.get_ylabel() for axes in fit.plot().axes]
     assert labels[1::2] == ["residual over noise"] * len(columns)
     assert labels[::2] == [f"{name} ({'N' if name == 'force' else 'm/s'})" for name in columns]
@@ -77,6 +81,8 @@ def test_sensor_responds_to_a_step_and_a_ramp_by_its_equations(damping_ratio, lo
         value, slope = sensor.senses(time, start + rate * time, at)
         np.testing.assert_allclose(value, states @ reads, rtol=0.0, atol=1e-6)
         np.testing.assert_allclose(slope, states @ rates.T @ reads, rtol=0.0, atol=1e-6 * w)
+        few = sensor.senses(time[[0, -1]], start + rate * time[[0, -1]], at[::33])[0]  # the cell swings between them
+        np.testing.assert_allclose(few, (states @ reads)[::33], rtol=0.0, atol=3e-5)
 
 
 def test_identify_estimates_noise_or_uses_known_noise():
@@ -92,6 +98,10 @@ def test_identify_estimates_noise_or_uses_known_noise():
     assert log_width(alone) / log_width(four) == pytest.approx(2.0, rel=0.25)
     assert np.allclose(alone.correlation, four.correlation, atol=0.1)
     assert f"correlation of contact.stiffness and object.mass: {alone.correlation[0, 2]:.2f}" in str(alone)
+    force = log(TRUTH, after=0.012)  # until the brake
+    both = force | {"flange_velocity": np.ones_like(force["time"])}  # without noise
+    with_speed, without = (ig.identify(each, guess(), MOTION).estimate for each in (both, force))
+    assert with_speed == pytest.approx(without, rel=1e-3)
 
 
 @pytest.mark.parametrize(("rate", "estimated", "grown"), [(4000.0, False, 3.841), (550.0, True, 4.965)])
