@@ -69,6 +69,7 @@ def step_once(plan, table, chain, double acceleration, bint flying, x, double h,
     }
     if now.analytic:
         expand(&now, &work)
+        result["fastest"] = fastest(&now, work.x, work.rate)
     error = attempt(&now, &work, h)
     result |= {
         "rate": [work.rate[i] for i in range(now.width)],

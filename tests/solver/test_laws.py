@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from solver_scenes import COUPLINGS, on_rough_ground, random_approach, scene, stored_energy
+from solver_scenes import COUPLINGS, ROBOTS, on_rough_ground, random_approach, scene, stored_energy
 
 import impact_gym as ig
 from impact_gym.physics.impact import GRAVITY
@@ -89,7 +89,7 @@ def test_more_contacts_and_snaps_are_recorded_than_allocated():
     assert long[: len(short)] == short
 
 
-@pytest.mark.parametrize("robot", ["rigid robot", "robot"])
+@pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize("coupling", COUPLINGS)
 def test_simulate_does_not_depend_on_the_units(coupling, robot):
     closed = robot == "rigid robot" and coupling != "bistable"  # otherwise flight is integrated
@@ -105,6 +105,10 @@ def test_simulate_does_not_depend_on_the_units(coupling, robot):
         numbers = {path: x * factors.get(BY_PATH[path].unit, 1.0) for path, x in nested.flatten(records).items()}
         other = nested.replaced(records, numbers)
         moved = other.pop("motion")
+        if isinstance(chain.robot, ig.RobotTable):
+            scales = {"position": length, "mass": mass, "stiffness": force / length, "damping": force / speed}
+            table = {name: scale * np.array(getattr(chain.robot, name)) for name, scale in scales.items()}
+            other["robot"] = ig.RobotTable(**table)
         a, b = ig.simulate(chain, motion, duration), ig.simulate(ig.Scene(**other), moved, duration * time)
         assert len(a.contacts) == len(b.contacts)
         assert b.object_velocity == pytest.approx(a.object_velocity * speed, rel=rel)

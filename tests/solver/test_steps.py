@@ -87,3 +87,10 @@ def test_blind_step_of_a_flight_ends_before_any_touch(name, acceleration):
         path = solve_ivp(lambda _, y: step(y)["rate"], (0.0, lengths[-1]), x, max_step=0.1, rtol=1e-6).y[0]
         assert path.max() < 0.0
     assert np.sum(np.array(lengths) > kernels().BLIND[1]) > 10
+
+
+def test_fastest_rate_of_a_series_is_the_largest_eigenvalue():
+    for restitution, seed in product([0.5, 0.02], range(10)):
+        step = stepper("rigid, contact", ig.Contact(1e3, restitution, "exact"))
+        found = step(state("rigid, contact", seed), method="series")
+        assert found["fastest"] == pytest.approx(np.abs(np.linalg.eigvals(found["jacobian"])).max(), rel=1e-9)
