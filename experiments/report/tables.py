@@ -79,7 +79,7 @@ def trade_off(played: Played) -> Picture:
     places = [f"{time:.3f} s and {velocity:.3f} m/s" for time, velocity in (*played.paper.front, *played.policy.front)]
     alternative = f"Paper's rule: {places[0]}. The learned policy: from {places[1]} to {places[-1]}."
     speed = min(1.0, matchup.environment.get("velocity_range", VELOCITY_RANGE)[1])
-    tuning = "" if rival.name == PAPER else f", and for which {rival.label} is tuned"
+    tuning = f", and for which {rival.label} is tuned" if "tuned" in rival.controller else ""
     caption = (
         "Down and left is better: gentler and sooner. Along each line the time weight falls from left to right. "
         f"Each mark is one time weight, which the policy observes{tuning}. Faint lines are other seeds. The rule of "
