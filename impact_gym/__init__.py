@@ -6,13 +6,14 @@ sources.check()
 beside.install()
 
 from impact_gym import envs, robot
+from impact_gym.couplings import Bistable, Rigid, SpringDamper
 from impact_gym.identify import Identified, LoadCell, Sensor, identify
 from impact_gym.identify.held_out import HeldOut, hold_out
 from impact_gym.motion import Brake, Motion, Trapezoid
 from impact_gym.outcome import ContactRecord, Outcome, Outcomes, Trace
 from impact_gym.physics.dissipation import effective_restitution
 from impact_gym.physics.hertz import MATERIALS, Material, hertz, material_ranges
-from impact_gym.scene import Bistable, Contact, Object, Rigid, Robot, RobotTable, Scene, SpringDamper, Tool
+from impact_gym.scene import Contact, Object, Robot, RobotTable, Scene, Tool
 from impact_gym.simulation import advise, simulate, sweep
 from impact_gym.teleop import channels, operators
 from impact_gym.teleop.channels import Channel

@@ -12,13 +12,14 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from impact_gym.couplings import warn_of_stroke
 from impact_gym.kernels import APPROACH, CHAIN, CONTACT, TRACE, approach_rows
 from impact_gym.motion import Motion, Trapezoid
 from impact_gym.outcome import Advice, Advised, Array, ContactRecord, Model, Outcome, Outcomes, Trace
 from impact_gym.quantities import QUANTITIES
 from impact_gym.robot import Approach, Arm
 from impact_gym.robot.approach import Mass
-from impact_gym.scene import RobotTable, Scene, warn_of_stroke
+from impact_gym.scene import RobotTable, Scene
 from impact_gym.task.nested import flatten, parts, replaced
 from impact_gym.threads import CORES, over_rows
 from impact_gym.to_kernel import LOCAL_SHARE, STATUS_MESSAGES, approach_to_kernel, to_bytes

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_gym import kernels
+from impact_gym.couplings import Coupling
 from impact_gym.motion import Motion, Trapezoid
 from impact_gym.physics.dissipation import damping_factor
-from impact_gym.scene import Contact, Coupling, Robot, RobotTable, Scene
+from impact_gym.scene import Contact, Robot, RobotTable, Scene
 
 Numbers = NDArray[np.float64]
 

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from episode_runs import ID
 from refusal import refused
+from solver_scenes import scene
 
 import impact_gym as ig
 from agents.baselines.tuned import load_baseline
 from agents.check import lag
 from experiments.reference.chain import Chain
 from impact_gym import kernels, to_kernel
-from impact_gym.scene import COUPLINGS, Coupling
+from impact_gym.couplings import COUPLINGS, Coupling
 from impact_gym.task import Task
 
 MASS = 0.125  # kg
@@ -26,13 +27,9 @@ class Viscous(Coupling):
     """A coupling that answers nothing."""
 
 
-def scene(coupling, robot=None):
-    return ig.Scene(ig.Tool(MASS), ig.Object(0.25, 0.2), ig.Contact(1e4, 0.5), coupling, robot)
-
-
 @pytest.mark.parametrize("coupling", [SPRING, STOPPED, ig.Bistable()], ids=["spring", "stops", "bistable"])
 def test_pull_is_the_force_of_a_simulated_coupling(coupling):
-    trace = ig.simulate(scene(coupling), MOTION, 1.0, trace=True).trace
+    trace = ig.simulate(scene(coupling=coupling), MOTION, 1.0, trace=True).trace
     deflection = trace.tool_position - trace.flange_position
     rows = zip(deflection, trace.tool_velocity - trace.flange_velocity, strict=True)
     forces = np.array([coupling.pull(*row, MASS) for row in rows])
@@ -58,18 +55,18 @@ def test_one_more_number_of_a_record_changes_no_other(place, monkeypatch):
 
 def test_a_number_without_a_place_in_the_record_is_refused(monkeypatch):
     monkeypatch.setattr(ig.Rigid, "kernel", lambda _: (kernels.DIRECT, {"viscosity": 1.0}))
-    refused(lambda: ig.simulate(scene(ig.Rigid()), MOTION), "'viscosity'", "coupling.viscosity", "quantities.py")
+    refused(lambda: ig.simulate(scene(), MOTION), "'viscosity'", "coupling.viscosity", "quantities.py")
 
 
 @pytest.mark.parametrize("answer", [
-    lambda held: ig.simulate(scene(held), MOTION), lambda held: ig.sweep(scene(held), MOTION, {"tool.mass": [0.1]}),
-    lambda held: ig.advise(scene(held), MOTION), lambda held: held.pull(0.0, 0.0, MASS),
+    lambda held: ig.simulate(scene(coupling=held), MOTION), lambda held: ig.sweep(scene(coupling=held), MOTION, {"tool.mass": [0.1]}),
+    lambda held: ig.advise(scene(coupling=held), MOTION), lambda held: held.pull(0.0, 0.0, MASS),
     lambda held: lag(replace_coupling(held)), lambda held: held.drawn_length(MASS), lambda held: held.holding_force,
     lambda held: load_baseline("filtered-profile", 2.0).for_task(replace_coupling(held)).swing(0.0, 0.0, 0.0),
     lambda held: held.simplified(), lambda held: held.response_time(MASS),
 ])  # fmt: skip
 def test_coupling_that_lacks_an_answer_is_refused_by_name(answer):
-    refused(lambda: answer(Viscous()), "the coupling Viscous lacks ", "impact_gym/scene.py")
+    refused(lambda: answer(Viscous()), "the coupling Viscous lacks ", "impact_gym/couplings.py")
 
 
 def replace_coupling(held):
@@ -81,8 +78,6 @@ def replace_coupling(held):
 
 def test_unknown_coupling_has_no_reference_and_no_environment():
     with pytest.raises(NotImplementedError, match=r"no equations of the coupling Viscous\(\)"):
-        Chain(scene(Viscous()), MOTION)
+        Chain(scene(coupling=Viscous()), MOTION)
     refused(lambda: gym.make(ID, coupling=Viscous()), "coupling", *(kind.__name__ for kind in COUPLINGS))
-    refused(
-        lambda: replace(scene(ig.Rigid()), coupling="Viscous"), "Scene.coupling", "Rigid or SpringDamper or Bistable"
-    )
+    refused(lambda: replace(scene(), coupling="Viscous"), "Scene.coupling", "Rigid or SpringDamper or Bistable")

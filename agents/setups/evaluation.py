@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 from agents.setups.keys import known, table, within
-from impact_gym.scene import SpringDamper
+from impact_gym.couplings import SpringDamper
 from impact_gym.task import ScenarioRanges, Task, evaluation_sets
 from impact_gym.task.task import ARGUMENTS
 from impact_gym.validation import distinct, interval, number, numbers, shown, whole

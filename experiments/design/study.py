@@ -22,7 +22,7 @@ from experiments.design.search import MARGIN, PENALTY, Candidate, play, search
 from experiments.design.variables import as_built
 from experiments.lab import grid
 from experiments.lab.study import Cell, Frames, Measurement, Study
-from impact_gym.scene import Bistable
+from impact_gym.couplings import Bistable
 from impact_gym.task import Task
 
 DEPENDS = (

@@ -11,8 +11,8 @@ from agents.baselines.rule import Floats, Parameter
 from agents.setups import Setup
 from agents.setups.feasible import corners, warnings
 from agents.setups.keys import known, within
+from impact_gym.couplings import SpringDamper
 from impact_gym.quantities import QUANTITIES
-from impact_gym.scene import SpringDamper
 from impact_gym.task import Task
 from impact_gym.validation import number
 

@@ -1,7 +1,7 @@
 """The scenes of the paper's sections 2 to 5. Numbers called identified are not in the paper, see docs/provenance.md."""
 
 import impact_gym as ig
-from impact_gym.scene import Coupling
+from impact_gym.couplings import Coupling
 
 TOOL_MASS = 0.125  # kg
 OBJECT_MASS = 0.25  # kg

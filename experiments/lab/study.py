@@ -32,7 +32,8 @@ RESULTS = "results.json"
 MARK = ".impact_gym"  # lock file; a run writes only to a new or empty folder, or to a folder with this file or KEPT
 LARGE = 50_000  # largest number of rows of a table in CSV; a larger table is written as Parquet
 SOLVER = tuple(  # modules on which the result of `simulate` depends, in addition to the compiled solver
-    f"impact_gym.{name}" for name in ("physics", "scene", "motion", "robot", "to_kernel", "outcome", "simulation")
+    f"impact_gym.{name}"
+    for name in ("physics", "scene", "couplings", "motion", "robot", "to_kernel", "outcome", "simulation")
 )
 
 

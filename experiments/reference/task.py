@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from experiments.reference.chain import Chain
 from experiments.reference.command import Command
 from experiments.reference.motion import Motion
-from impact_gym.scene import Bistable
+from impact_gym.couplings import Bistable
 from impact_gym.task import ObservationSpec, Task, evaluation_sets
 from impact_gym.task.episodes import first_uniforms
 from impact_gym.task.scenario import FIELDS

@@ -25,9 +25,7 @@ class Answer:
     later: float  # (t - paper's time) / paper's time, with t the nearest time on the front; 0 if `reached`
     velocity: Estimate  # m/s, V_p of the policy at the paper's time, or at the nearest end of the front, see `reached`
     rival_reduction: Estimate | None  # `reduction` of the main baseline; None: untuned, or never as late as the rule
-    rival_apart: (
-        str  # "later" or "sooner": the main baseline is so at every weight, compared with the rule; "": neither
-    )
+    rival_apart: str  # "later" or "sooner" than the rule: the main baseline, at every weight; "": neither
     missed: int  # missed objects in all episodes (all seeds, all weights)
     episodes: int  # number of these episodes
 
@@ -72,17 +70,18 @@ def reductions(played: Played) -> Floats:
 
 def row(answer: Answer, played: Played) -> dict[str, str]:
     """Return the row of a set-up in the table of answers, texts by heading."""
-    (weight,), matchup, rival = played.paper.weights, played.matchup, answer.rival_reduction
+    (weight,), matchup = played.paper.weights, played.matchup
+    rival, apart = answer.rival_reduction, answer.rival_apart
     rule, policy = played.paper.means(weight), played.policy.means(matchup.typical)
     return {
         "set-up": matchup.name,
         "mean time of the rule (s)": f"{rule['T']:.3f}",
         "V_p of the rule (m/s)": f"{rule['V']:.3f}",
         "V_p of the policy (m/s)": f"{answer.velocity.value:.3f}",
-        "V_p lower with the main baseline by": percent(rival) if rival else f"- (always {answer.rival_apart})",
+        "V_p lower with the main baseline by": percent(rival) if rival else f"- (always {apart})" if apart else "-",
         "V_p lower with the policy by": percent(answer.reduction) + " (at the nearest time)" * (not answer.reached),
-        "missed by the rule": f"{rule['missed'] / played.count:.1%}",
-        "missed by the policy": f"{policy['missed'] / played.count:.1%}",
+        "missed by the rule": f"{100 * rule['missed'] / played.count:.1f} %",
+        "missed by the policy": f"{100 * policy['missed'] / played.count:.1f} %",
     }
 
 

@@ -80,10 +80,10 @@ def where_it_fails(played: Played, name: str) -> Failing:
 
 def rows(played: Played) -> list[dict[str, str]]:
     """Return a row for each change with the mean costs (m/s) of the rivals, texts by heading."""
-    names, found = {PAPER: "rule", played.matchup.rival.name: "main baseline", POLICY: "policy"}, []
+    names, found = {"rule": PAPER, "main baseline": played.matchup.rival.name, "policy": POLICY}, []
     for (factor, setting), group in outcomes(played).group_by("factor", "setting", maintain_order=True):
         each = {row["contestant"]: row for row in group.to_dicts()}
         row = {"set-up, change": f"{played.matchup.name}, {factor}: {setting}"}
-        row |= {heading: f"{each[name]['loss']:.3f}" for name, heading in names.items()}
+        row |= {heading: f"{each[name]['loss']:.3f}" for heading, name in names.items()}
         found.append(row | {"missed by the policy": f"{each[POLICY]['missed']} of {each[POLICY]['of']}"})
     return found

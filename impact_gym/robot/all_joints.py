@@ -15,12 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from impact_gym.couplings import SpringDamper
 from impact_gym.motion import Motion, Trapezoid
 from impact_gym.physics.dissipation import damping_factor
 from impact_gym.robot.approach import Approach, Array
 from impact_gym.robot.arm import Arm
 from impact_gym.robot.equations import MOST_EVALUATIONS, Equations, Path, Servo, Unfinished
-from impact_gym.scene import Scene, SpringDamper
+from impact_gym.scene import Scene
 from impact_gym.validation import flag, number, one_of
 
 __all__ = ["Blow", "Servo", "simulate"]

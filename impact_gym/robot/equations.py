@@ -11,11 +11,12 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.optimize import fsolve
 
+from impact_gym.couplings import Bistable
 from impact_gym.motion import Motion, Trapezoid
 from impact_gym.parameters import SI, Parameters
 from impact_gym.robot.approach import Approach, Array
 from impact_gym.robot.arm import Arm
-from impact_gym.scene import Bistable, Scene
+from impact_gym.scene import Scene
 
 LOST = 0.05  # rad or m; if a motor deviates from its command by this or more, the run ends
 MOST_EVALUATIONS = 400_000  # default limit on evaluations of the equations in a run; 400,000 take about 15 s

@@ -8,9 +8,10 @@ from typing import Any, Self, get_args
 
 import numpy as np
 
+from impact_gym.couplings import COUPLINGS, SpringDamper, warn_of_stroke
 from impact_gym.kernels import RECORD, TASK
 from impact_gym.quantities import AFTER_ALARM, HORIZON, PAST_READINGS, QUANTITIES, SET_UP
-from impact_gym.scene import COUPLINGS, Contact, Robot, SpringDamper, warn_of_stroke
+from impact_gym.scene import Contact, Robot
 from impact_gym.task.action import ActionSpec
 from impact_gym.task.nested import get, grouped, ranged_record
 from impact_gym.task.range_sensor import RangeSensor

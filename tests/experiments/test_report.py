@@ -50,10 +50,8 @@ def folder(tmp_path_factory):
         (out / name).write_text("earlier")
     for name in ("index.html", "episodes.csv"):
         os.link(out / name, base / name)
-    both, options = (
-        study_of([replace(linear, seeds=seeds, evaluation=evaluation), own], True),
-        StudyOptions(out, processes=0),
-    )
+    linear, options = replace(linear, seeds=seeds, evaluation=evaluation), StudyOptions(out, processes=0)
+    both = study_of([linear, own], True)
     written = run(both, options, COMMAND).stat().st_mtime_ns
     assert run(both, options, COMMAND).stat().st_mtime_ns == written  # it is up to date
     return out

@@ -100,7 +100,7 @@ def test_report_is_made_anew_where_its_sources_changed(made, source, monkeypatch
 
 
 @pytest.mark.filterwarnings("ignore:the policy was trained for another environment")  # once in a process
-def test_play_as_late_has_the_rules_mean_time():
+def test_weight_as_late_gives_the_rules_mean_time():
     """Where the weight is found it is met and not exceeded; in other scenarios, nearly."""
     arm = {"velocity_range": [-0.2, 1.2], "acceleration_range": [1.0, 10.0]}
     scenarios = {"set": "test", "count": 200}

@@ -83,6 +83,13 @@ def said(results):
     return result, answer.sentence(result, results.matchup)
 
 
+def test_rule_alone_is_its_own_main_baseline():
+    results = played((), varied={"tool_mass": [0.125, 0.2]})
+    change(results, lambda _: {"episode": [0], "cost": [1.0], "missed": [False]})
+    assert answer.row(answer.answer(results), results)["V_p lower with the main baseline by"] == "-"
+    assert {(row["rule"], row["main baseline"]) for row in holds.rows(results)} == {("1.000", "1.000")}
+
+
 def test_compared_weights_are_those_of_evaluation_and_policy():
     for given, compared in (((2.0, 9.0), (2.0,)), ((9.0,), (1.0, 2.0))):  # the policy plays at 1 and 2
         assert replace(played().matchup, evaluation=Evaluation(weights=given)).weights == compared

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from agents.evaluate.scenario_batch import RESULTS, Episodes
 from agents.policies import Controller
+from impact_gym.couplings import Bistable
 from impact_gym.envs.single import ImpactApproachEnv
 from impact_gym.render.chain import object_radius
 from impact_gym.render.film import FRAME_RATE, History
-from impact_gym.scene import Bistable
 from impact_gym.task import Task
 
 MOST = 200  # number of rows at which `thin` stops adding rows

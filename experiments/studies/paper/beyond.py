@@ -14,7 +14,7 @@ from experiments.lab.study import Row
 from experiments.studies.paper.models import PAPER, Model
 from experiments.studies.paper.runs import where
 from experiments.studies.paper.statements import Figure, Reading, Statement
-from impact_gym.scene import Coupling
+from impact_gym.couplings import Coupling
 
 COUPLINGS: dict[str, Coupling] = {"rigid": ig.Rigid(), "spring": LINEAR, "bistable": MECHANISM}
 OBJECTS = {"light": 0.25, "heavy": 1.0}  # kg, masses

@@ -6,7 +6,7 @@ from typing import Any
 
 import impact_gym as ig
 from experiments.lab.scenes import DURATION, MOTION, ROBOT, TOOL_MASS
-from impact_gym.scene import Coupling
+from impact_gym.couplings import Coupling
 
 Change = Callable[[ig.Scene, ig.Trapezoid], tuple[ig.Scene, ig.Trapezoid]]
 

@@ -9,8 +9,9 @@ import numpy as np
 
 import impact_gym as ig
 from experiments.lab.scenes import DISTANCE, MOTION, scene
+from impact_gym.couplings import Coupling
 from impact_gym.robot import default_approach
-from impact_gym.scene import Coupling, Dissipation
+from impact_gym.scene import Dissipation
 
 CRUISE = ig.Trapezoid(1.0, 8.0, ig.Brake(threshold=1.0, delay=10.0))  # the brake would act only after the end of a run
 STORM_SEED = 4
