@@ -47,6 +47,7 @@ results: setup  ## make docs/results and the numbers on pages again, in about 4 
 	for each; do shift; begun=$$(date +%s); echo "impact-gym $$each --results docs/results"; \
 		$(BIN)/impact-gym $$each --results docs/results || exit; \
 		echo "took $$(( ($$(date +%s) - begun) / 60 )) min"; [ $$# = 0 ] || printf "left: impact-gym %s\n" "$$@"; done
+	cp reports/latest/figures/linear-blind_answer.svg docs/trade_off.svg
 	$(BIN)/python docs/generated.py
 
 play: $(PLAYED)  ## steer the tool in the browser, SETUP=teleop-spring ASSIST=none
