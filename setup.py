@@ -1,6 +1,6 @@
 """Build script: compiles the solver, and moves the packages `agents` and `experiments` into `impact_gym` in a wheel.
 
-Other projects also install packages with these two names. impact_gym/beside.py makes `impact_gym.agents` and
+Other projects also install packages with these two names. impact_gym/support/beside.py makes `impact_gym.agents` and
 `impact_gym.experiments` importable in a checkout, too.
 """
 
@@ -47,7 +47,7 @@ class Build(build_py):
         return out, copied
 
 
-sources = runpy.run_path("impact_gym/sources.py")
+sources = runpy.run_path("impact_gym/support/sources.py")
 sources["write"]()
 kernels = Extension(
     "impact_gym.kernels",

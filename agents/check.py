@@ -11,16 +11,16 @@ import tyro
 from gymnasium.error import DependencyNotInstalled
 
 from agents.baselines import PaperTrapezoid
-from agents.command_line import run_command
 from agents.evaluate.scenario_batch import VALIDATION_SEED, ScenarioBatch
 from agents.setups import Setup, load_setup
 from agents.setups.evaluation import variants
 from agents.setups.feasible import corners, warnings
 from agents.setups.keys import within
 from agents.train.ppo import Run
-from impact_gym.files import whole_file
 from impact_gym.quantities import QUANTITIES
-from impact_gym.task import ActionSpec, ObservationSpec, Task
+from impact_gym.support.command_line import run_command
+from impact_gym.support.files import whole_file
+from impact_gym.task import ObservationSpec, Task
 
 SAMPLE = 500  # number of scenarios that the paper's rule plays
 
@@ -56,7 +56,7 @@ def lines(setup: Setup) -> Iterator[str]:
     for place, entry in enumerate(ObservationSpec(task).entries):
         yield f"  {place}: {entry.words} ({entry.unit}), {entry.scale.low:g} to {entry.scale.high:g}"
     yield "\nactions"
-    for action in ActionSpec(task).entries:
+    for action in task.action.entries:
         yield f"  {action.words}: {action.low:g} to {action.high:g} {action.unit}"
     yield "\neach episode"
     for name, (low, high) in task.ranges.items():

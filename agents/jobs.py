@@ -28,10 +28,10 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from agents.command_line import progress
-from agents.provenance import origin_of
-from impact_gym.files import DiskFullError, writing
-from impact_gym.validation import WrongTypeError, number, whole
+from impact_gym.support.command_line import progress
+from impact_gym.support.files import DiskFullError, writing
+from impact_gym.support.provenance import origin_of
+from impact_gym.support.validation import WrongTypeError, number, whole
 
 SHOWN = 10  # largest number of failed calls that JobsFailedError lists
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")

@@ -12,15 +12,15 @@ import tyro
 from agents.baselines import Clairvoyant, PaperTrapezoid, tuned
 from agents.baselines.cmaes import Jittery, minimise
 from agents.baselines.rule import Floats, Rule, ranges_for
-from agents.command_line import command_of, run_command
 from agents.evaluate.scenario_batch import TUNING_SEED, ScenarioBatch
 from agents.jobs import cached
-from agents.provenance import circumstances, digest_of
 from agents.setups import Setup, load_setup, shipped
-from impact_gym.files import locked
 from impact_gym.quantities import QUANTITIES
+from impact_gym.support.command_line import command_of, run_command
+from impact_gym.support.files import locked
+from impact_gym.support.provenance import circumstances, digest_of
+from impact_gym.support.validation import distinct, nearest, number, whole
 from impact_gym.task import Task
-from impact_gym.validation import distinct, nearest, number, whole
 
 SETUPS = shipped()
 BOUND_SCENARIOS, BOUND_POPULATION, BOUND_SEED = 64, 16, 1

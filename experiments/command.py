@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from importlib.metadata import Distribution, requires, version
 from typing import NamedTuple
 
-from impact_gym.validation import nearest
+from impact_gym.support.validation import nearest
 
 
 class Command(NamedTuple):

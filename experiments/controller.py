@@ -9,15 +9,15 @@ from typing import Any
 import tyro
 
 from agents import tune
-from agents.command_line import command_of, run_command
 from agents.export import __main__ as export
 from agents.setups import Setup, load_setup
 from agents.train import __main__ as train
 from experiments.lab.study import last_run
 from experiments.report import __main__ as report
 from experiments.report.matchups import PAPER, RULE
-from impact_gym.files import write_file
-from impact_gym.validation import number
+from impact_gym.support.command_line import command_of, run_command
+from impact_gym.support.files import write_file
+from impact_gym.support.validation import number
 
 MADE_FOR = attrgetter("environment", "training", "tuned", "budget", "evaluation.weights")
 QUICK_BUDGET, QUICK_STEPS, QUICK_SEEDS, QUICK_SCENARIOS, QUICK_CALLS = 320, 1_000_000, 3, 200, 10_000

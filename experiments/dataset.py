@@ -25,17 +25,17 @@ from tqdm import tqdm
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
 from agents.baselines.tuned import read_tuned
-from agents.command_line import run_command
 from agents.evaluate.play import controller_of
 from agents.policies import Controller, load_policy
-from agents.provenance import revision
 from agents.setups import FIXED, Setup, load_setup, shipped_baselines
 from experiments.play import try_files
 from impact_gym.envs import IDS
-from impact_gym.files import reason, write_file
-from impact_gym.sources import compiled_from
+from impact_gym.support.command_line import run_command
+from impact_gym.support.files import reason, write_file
+from impact_gym.support.provenance import revision
+from impact_gym.support.sources import compiled_from
+from impact_gym.support.validation import distinct, shown, whole
 from impact_gym.teleop.channels import without_files
-from impact_gym.validation import distinct, shown, whole
 
 PLAYERS = {"rule": "the paper's rule", "profile": "the set-up's first baseline", "policy": "the set-up's policy"}
 SEED = 70_000_000  # default seed of the first episode; tuning, evaluation and the shipped trainings use other seeds

@@ -7,10 +7,10 @@ import numpy as np
 import tyro
 from scipy.stats import ttest_1samp
 
-from agents.command_line import run_command
 from agents.policies import load_ensemble
-from agents.provenance import todays
 from agents.setups import load_setup, shipped
+from impact_gym.support.command_line import run_command
+from impact_gym.support.provenance import todays
 
 SHIPPED = shipped()
 

@@ -1,11 +1,12 @@
 """Simulator and environment of a robot tool that strikes an object; the tool should arrive early and strike softly."""
 
-from impact_gym import beside, sources
+from impact_gym.support import beside, sources
 
 sources.check()
 beside.install()
 
 from impact_gym import envs, robot
+from impact_gym.advice import advise
 from impact_gym.couplings import Bistable, Rigid, SpringDamper
 from impact_gym.identify import Identified, LoadCell, Sensor, identify
 from impact_gym.identify.held_out import HeldOut, hold_out
@@ -14,7 +15,7 @@ from impact_gym.outcome import ContactRecord, Outcome, Outcomes, Trace
 from impact_gym.physics.dissipation import effective_restitution
 from impact_gym.physics.hertz import MATERIALS, Material, hertz, material_ranges
 from impact_gym.scene import Contact, Object, Robot, RobotTable, Scene, Tool
-from impact_gym.simulation import advise, simulate, sweep
+from impact_gym.simulation import simulate, sweep
 from impact_gym.teleop import channels, operators
 from impact_gym.teleop.channels import Channel
 

@@ -24,7 +24,7 @@ cdef extern from *:
     void load_ahead(const void *record, size_t size) noexcept nogil
     const char *DIGEST "COMPILED_FROM"
 
-COMPILED_FROM = DIGEST.decode()  # digest of the sources of this program, see `impact_gym.sources`
+COMPILED_FROM = DIGEST.decode()  # digest of the sources of this program, see `impact_gym.support.sources`
 
 include "physics/contact.pxi"
 include "physics/damping.pxi"

@@ -6,7 +6,7 @@ from typing import Annotated
 import numpy as np
 
 from impact_gym.parameters import SI, Parameters
-from impact_gym.validation import one_of, rising
+from impact_gym.support.validation import one_of, rising
 
 
 @dataclass(frozen=True, slots=True)

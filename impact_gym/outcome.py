@@ -1,16 +1,12 @@
-"""Classes of the results that `simulate`, `sweep` and `advise` return."""
+"""Classes of the results that `simulate` and `sweep` return."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_gym.scene import Scene
-
 Array = NDArray[np.float64]
-Advised = Literal["object_velocity", "peak_force", "impulse"]
 
 
 class ContactRecord(NamedTuple):
@@ -87,33 +83,3 @@ class Outcomes:
     rest_time: Array  # s, nan without friction, or if the tool is not at rest at the end of the run
     steps: NDArray[np.int64]
     status: NDArray[np.object_]  # "ok", or why the run could not finish; all floats of such a run are nan
-
-
-@dataclass(frozen=True)
-class Model:
-    """A model that `advise` tried."""
-
-    name: str
-    simplify: Callable[[Scene], Scene]
-    errors: Array  # (scenes,), -, error / full model's value; inf: a run failed, or only the full model's value is 0
-    time_saved: float  # -, computing time saved, divided by the full model's computing time
-
-    @property
-    def bound(self) -> float:
-        """Largest error in any scene."""
-        return float(self.errors.max())
-
-
-@dataclass(frozen=True)
-class Advice:
-    """What `advise` recommends: the fastest model in `tried` whose error is within the tolerance in every scene."""
-
-    quantity: Advised
-    tolerance: float  # -, relative error allowed
-    model: Model
-    tried: tuple[Model, ...]  # the full model first
-
-    def __str__(self) -> str:
-        head = f"{self.quantity} within {self.tolerance:g} in {len(self.model.errors)} scenes: {self.model.name}"
-        lines = (f"  {m.name}: error at most {m.bound:.2g}, {m.time_saved:.0%} less time" for m in self.tried)
-        return "\n".join([head, *lines])

@@ -6,7 +6,7 @@ from functools import cache, partial
 from typing import Any, ClassVar
 
 from impact_gym.quantities import BY_PATH
-from impact_gym.validation import number, numbers
+from impact_gym.support.validation import number, numbers
 
 
 class SI:

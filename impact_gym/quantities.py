@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple
 
-from impact_gym.validation import Range, interval, number
+from impact_gym.support.validation import Range, interval, number
 
 HORIZON = 1.2  # s, default of the environment's argument `horizon`
 AFTER_ALARM = 0.15  # s, default of the environment's argument `after_alarm`

@@ -15,10 +15,10 @@ from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
 from impact_gym.envs.vector import ImpactApproachVectorEnv
+from impact_gym.support.threads import CORES
+from impact_gym.support.validation import one_of
 from impact_gym.task.episodes import reset_options
 from impact_gym.task.task import ARGUMENTS, Task
-from impact_gym.threads import CORES
-from impact_gym.validation import one_of
 
 
 @cache

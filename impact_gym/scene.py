@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 from impact_gym.couplings import COUPLINGS, Coupling, Rigid
 from impact_gym.parameters import Parameters
 from impact_gym.quantities import BY_PATH
-from impact_gym.validation import choice, number, one_of
+from impact_gym.support.validation import choice, number, one_of
 
 Dissipation = Literal[
     "hu-guo", "exact", "hunt-crossley", "lankarani-nikravesh", "herbert-mcwhannell", "gonthier", "flores", "fixed"

@@ -26,17 +26,17 @@ from refusal import refused
 from refused_calls import MAKERS, set_up_file
 
 import impact_gym as ig
-from agents import archive, load_policy, load_setup
+from agents import load_policy, load_setup
 from agents.export.c_header import header, identifier
 from agents.export.replay import LANGUAGES, WARNINGS
 from agents.policies import Ensemble, Policy
 from agents.policies.networks import from_arrays, to_arrays
 from agents.policies.policy import FORMAT
 from experiments.report.__main__ import ReportOptions, write
-from impact_gym import validation
-from impact_gym.files import UNFINISHED, locked, write_file
 from impact_gym.identify import log as logs_of
 from impact_gym.identify.__main__ import parse
+from impact_gym.support import archive, validation
+from impact_gym.support.files import UNFINISHED, locked, write_file
 from impact_gym.task import evaluation_sets
 
 PLAIN = [  # values in a file

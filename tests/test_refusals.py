@@ -18,9 +18,9 @@ from refused_calls import CALLS, value_of
 
 import impact_gym as ig
 from agents import setups
+from impact_gym.support.validation import shown
 from impact_gym.task import Task
 from impact_gym.task.task import PARTS
-from impact_gym.validation import shown
 
 TABLE = tomllib.loads(Path(__file__).with_name("refusals.toml").read_text())
 EXAMPLES = TABLE.pop("examples")

@@ -16,7 +16,7 @@ import impact_gym as ig
 from impact_gym import simulation
 from impact_gym.quantities import BY_PATH
 from impact_gym.simulation import APPROACHES_PER_THREAD
-from impact_gym.task import nested
+from impact_gym.support import dotted_paths
 from impact_gym.to_kernel import STATUS_MESSAGES
 
 ROBOT = ig.Robot(5.225, 1.9e5, 50.4)
@@ -109,13 +109,15 @@ def test_advise_keeps_a_scene_in_which_every_part_matters():
 def extreme_cases(draw):
     """An approach with some numbers within or at their limits, and its duration."""
     chain = scene(coupling=draw(st.sampled_from([*COUPLINGS.values()])), robot=draw(st.sampled_from([None, ROBOT])))
-    records = {**nested.parts(chain), "motion": ig.Trapezoid(1.0, 8.0, ig.Brake(deceleration=5.0))}
+    records = {**dotted_paths.parts(chain), "motion": ig.Trapezoid(1.0, 8.0, ig.Brake(deceleration=5.0))}
     dependent = {f"coupling.{name}" for name in ("free_length", "height", "front_stop", "rear_stop")}
-    free = sorted({*nested.flatten(records)} - dependent - {"contact.damping_exponent"})
+    free = sorted({*dotted_paths.flatten(records)} - dependent - {"contact.damping_exponent"})
     for path in draw(st.lists(st.sampled_from(free), min_size=1, max_size=5, unique=True)):
         low, high = max(BY_PATH[path].limits.at_least, 1e-12), BY_PATH[path].limits.at_most
         between = st.floats(math.log(low), math.log(high)).map(lambda power: float(math.exp(power)))
-        records = nested.replaced(records, {path: min(max(draw(st.sampled_from([low, high]) | between), low), high)})
+        records = dotted_paths.replaced(
+            records, {path: min(max(draw(st.sampled_from([low, high]) | between), low), high)}
+        )
     motion, distance = records.pop("motion"), records["object"].distance
     there = distance / motion.speed + math.sqrt(2 * distance / motion.acceleration)
     return ig.Scene(**records), motion, min(2.0 * there + 1.0, 1e12)

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from agents.baselines.rule import SLOWEST, Parameter, Rule, View
-from impact_gym.task import ActionSpec, Task
+from impact_gym.support.validation import number
+from impact_gym.task import Task
 from impact_gym.task.task import ACCELERATION_RANGE, VELOCITY_RANGE
-from impact_gym.validation import number
 
 
 class ConstantSpeed(Rule):
@@ -80,7 +80,7 @@ class RandomActions:
 
     def __init__(self, seed: int = 0, task: Task | None = None) -> None:
         """Make a controller; default `task`: that of `ImpactApproach-v0`."""
-        self._rng, self._size = np.random.default_rng(seed), len(ActionSpec(task or Task()))
+        self._rng, self._size = np.random.default_rng(seed), len((task or Task()).action)
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True

@@ -8,9 +8,9 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_gym.task import ActionSpec, ObservationSpec, ScenarioRanges, Task
+from impact_gym.support.validation import Range, WrongTypeError, number
+from impact_gym.task import ObservationSpec, ScenarioRanges, Task
 from impact_gym.task.task import ACCELERATION_RANGE, VELOCITY_RANGE
-from impact_gym.validation import Range, WrongTypeError, number
 
 Floats = NDArray[np.float64]
 
@@ -155,11 +155,11 @@ class Rule:
         view, state = self.see(View(observation, self.spec), state, episode_start)
         velocity, acceleration = self.command(view)
         if self.task.operator is None:
-            return ActionSpec(self.task).encode(velocity, acceleration), state
+            return self.task.action.encode(velocity, acceleration), state
         # with an operator, the rule's velocity limits the operator's command; a velocity below 0 is a withdrawal
         velocity, fast = np.asarray(velocity), np.maximum(np.abs(view["command"]), SLOWEST)
         wanted = np.clip(velocity / fast, 0.0, 1.0), acceleration, np.maximum(-velocity, 0.0)
-        return np.clip(ActionSpec(self.task).encode(*wanted), -1.0, 1.0), state
+        return np.clip(self.task.action.encode(*wanted), -1.0, 1.0), state
 
     def see(self, view: View, state: Any, episode_start: Any) -> tuple[View, Any]:
         """Return the view that `command` gets, and the next state; a rule without memory changes neither."""

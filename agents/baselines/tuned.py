@@ -12,14 +12,14 @@ from pkgutil import resolve_name
 from typing import Any
 
 from agents import setups
-from agents.archive import archive_of, read_archive
 from agents.baselines.profile import Clairvoyant
 from agents.baselines.rule import Floats, Rule, ranges_for
 from agents.policies import Controller
 from agents.setups import TUNED, Setup, owner, shipped_baselines
-from impact_gym.files import parsed, write_file
+from impact_gym.support.archive import archive_of, read_archive
+from impact_gym.support.files import parsed, write_file
+from impact_gym.support.validation import nearest, number
 from impact_gym.task import Task
-from impact_gym.validation import nearest, number
 
 FORMAT = "impact_gym tuned baseline 1"
 BOUND_FORMAT = "impact_gym clairvoyant 2"

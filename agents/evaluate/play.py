@@ -20,17 +20,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.archive import unpacked
 from agents.baselines import Clairvoyant, RandomActions
 from agents.baselines.rule import ANY, Rule
 from agents.baselines.tuned import load_baseline, tuned_rule
 from agents.evaluate.scenario_batch import MEASURED, ScenarioBatch
 from agents.policies import Controller, Ensemble
 from agents.policies.policy import FORMAT
+from impact_gym.support.archive import unpacked
+from impact_gym.support.validation import shown
 from impact_gym.task import ScenarioRanges, Task, evaluation_sets
 from impact_gym.task.evaluation_sets import EvaluationSet
 from impact_gym.task.scenario import FIELDS
-from impact_gym.validation import shown
 
 
 def play(

@@ -9,14 +9,14 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-from agents.command_line import run_command
 from agents.export.c_header import has_controller, write_header
 from agents.export.contract import Subject, of_name, of_setup
 from agents.export.onnx_graph import write_onnx
 from agents.export.replay import compiled, logged, replay
 from agents.policies.policy import Policy
 from agents.setups import load_setup
-from impact_gym.validation import whole
+from impact_gym.support.command_line import run_command
+from impact_gym.support.validation import whole
 
 Floats = NDArray[np.float32]
 AGREEMENT = 1e-6

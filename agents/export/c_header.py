@@ -18,8 +18,8 @@ from agents.baselines import FilteredProfile, Rule, filtered, profile
 from agents.baselines import rule as rules
 from agents.export.contract import Subject
 from agents.policies.policy import Policy
-from impact_gym.files import write_file
 from impact_gym.quantities import Quantity
+from impact_gym.support.files import write_file
 from impact_gym.task import ObservationSpec
 from impact_gym.task.action import RESOLUTION
 from impact_gym.task.observation import CURVES, affine

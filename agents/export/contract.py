@@ -16,12 +16,12 @@ from agents.baselines import Rule
 from agents.baselines.tuned import FIXED, load_baseline, read_tuned, tuned_rule
 from agents.policies import Policy, load_policy
 from agents.policies.networks import to_arrays
-from agents.provenance import todays
 from agents.setups import Setup, load_setup, owner, shipped, shipped_baselines
 from agents.setups.setup import UNSAID
-from impact_gym.task import QUANTITIES, ActionSpec, ObservationSpec
+from impact_gym.support.provenance import todays
+from impact_gym.support.validation import nearest
+from impact_gym.task import QUANTITIES, ObservationSpec
 from impact_gym.teleop.link import FADE
-from impact_gym.validation import nearest
 
 FORMAT = "impact_gym controller 1"
 CALLS = (
@@ -58,7 +58,7 @@ class Subject:
             raise ValueError(f"controller must be a policy or a rule to be exported, got {type(controller).__name__}")
         self.controller, self.task = controller, controller.task
         self.weights = [*controller.weights] if isinstance(controller, Rule) and controller.weights else [2.0]
-        self.spec, self.actions = ObservationSpec(self.task), ActionSpec(self.task).entries
+        self.spec, self.actions = ObservationSpec(self.task), self.task.action.entries
         self.policy = controller if isinstance(controller, Policy) else None
         provenance = self.policy.provenance if self.policy else {}
         self.command = command or todays(str(provenance.get("command", "by hand")))

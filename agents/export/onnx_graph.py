@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from agents.export.contract import Subject
-from impact_gym.files import write_file
+from impact_gym.support.files import write_file
 
 OPSET = 17
 IR_VERSION = 8  # version of ONNX's file format; ONNX runtimes since 2022 read this version

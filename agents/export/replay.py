@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from agents.export.c_header import c_text, has_controller, identifier
 from agents.export.contract import Subject
 from impact_gym.envs.batch import Batch
-from impact_gym.task import ActionSpec
 
 Floats = NDArray[np.float64]
 SEED = 7_000_000  # seed of the random numbers of the episodes
@@ -38,7 +37,7 @@ def logged(subject: Subject, episodes: int) -> Log:
     batch = Batch(episodes, task)
     batch.begin(np.arange(episodes), [np.random.default_rng(SEED)] * episodes)
     controller, state, start = subject.at(batch.info()["time_weight"]), None, np.ones(episodes, np.bool_)
-    spec = ActionSpec(task)
+    spec = task.action
     steps, sensors, commands, late = np.zeros(episodes, np.int64), [], [], []
     while not (ended := batch.ended).all():
         now = batch.sensors()

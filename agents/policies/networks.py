@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_gym.validation import choice
+from impact_gym.support.validation import choice
 
 Floats = NDArray[np.float32]
 BLOCKS = (16, 8, 4, 2, 1)  # block sizes, in rows, that `Network.block` tries in this order

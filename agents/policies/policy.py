@@ -1,7 +1,7 @@
 """Policies: trained networks as plain arrays, without torch.
 
-A policy file is an archive, see `agents.archive`. It holds the weights of a small network for each training seed, the
-scales of observation and action, and the provenance.
+A policy file is an archive, see `impact_gym.support.archive`. It holds the weights of a small network for each
+training seed, the scales of observation and action, and the provenance.
 """
 
 import warnings
@@ -13,12 +13,12 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.archive import archive_of, read_archive
 from agents.policies.networks import Network, from_arrays, to_arrays
-from impact_gym.files import named_file, reason, write_file
-from impact_gym.task import ActionSpec, ObservationSpec, Task
+from impact_gym.support.archive import archive_of, read_archive
+from impact_gym.support.files import named_file, reason, write_file
+from impact_gym.support.validation import array, shown, whole
+from impact_gym.task import ObservationSpec, Task
 from impact_gym.teleop.channels import without_files
-from impact_gym.validation import array, shown, whole
 
 SHIPPED = Path(__file__).parent
 FORMAT = "impact_gym policies 3"
@@ -52,7 +52,7 @@ class Policy:
         self.network, self.task, self.provenance = network, task, dict(provenance)
         self.environment = task.arguments()
         self.seed = int(self.provenance.get("settings", {}).get("seed", 0))
-        self.spec, self.inputs, self.actions = ObservationSpec(task), network.layers()[0].inputs, len(ActionSpec(task))
+        self.spec, self.inputs, self.actions = ObservationSpec(task), network.layers()[0].inputs, len(task.action)
         if self.inputs != len(self.spec):
             raise ValueError(f"the network takes {self.inputs} numbers, the observation has {len(self.spec)}")
         if network.mean.outputs != self.actions:
@@ -160,7 +160,7 @@ def scales(task: Task) -> dict[str, list[dict[str, Any]]]:
             {"id": entry.id, "unit": entry.unit, **{name: getattr(entry.scale, name) for name in scale}}
             for entry in ObservationSpec(task).entries
         ],
-        "action": [{name: getattr(entry, name) for name in action} for entry in ActionSpec(task).entries],
+        "action": [{name: getattr(entry, name) for name in action} for entry in task.action.entries],
     }
 
 

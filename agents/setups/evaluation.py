@@ -8,9 +8,9 @@ from typing import Any
 
 from agents.setups.keys import known, table, within
 from impact_gym.couplings import SpringDamper
+from impact_gym.support.validation import distinct, interval, number, numbers, shown, whole
 from impact_gym.task import ScenarioRanges, Task, evaluation_sets
 from impact_gym.task.task import ARGUMENTS
-from impact_gym.validation import distinct, interval, number, numbers, shown, whole
 
 WEIGHTS = (0.7, 1.0, 2.0, 4.0)  # m/s per s, default time weights
 RESERVED = ("time_weight", "privileged", "max_episode_steps")

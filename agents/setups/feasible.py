@@ -5,9 +5,9 @@ from collections.abc import Iterator
 from itertools import product
 
 from impact_gym.quantities import EPISODE, QUANTITIES, SCENARIO, SET_UP
+from impact_gym.support.validation import unit_text
 from impact_gym.task import ObservationSpec, Task
 from impact_gym.task.task import MOUNT_IDS
-from impact_gym.validation import unit_text
 
 OVERSHOOT = 2.0
 """Largest ratio of a compliant robot's acceleration to the commanded acceleration, if the robot is an undamped spring

@@ -7,7 +7,7 @@ from difflib import get_close_matches
 from typing import Any
 
 from impact_gym.quantities import SCENARIO
-from impact_gym.validation import shown
+from impact_gym.support.validation import shown
 
 MOVED = {f"environment.{row.id}": f"environment.scenario.{row.id}" for row in SCENARIO}  # wrong keys, and right ones
 MOVED |= {"environment.time_weight": "training.time_weight", "environment.privileged": "training.informed_critic"}

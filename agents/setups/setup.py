@@ -14,10 +14,10 @@ import numpy as np
 from agents.setups.evaluation import COMPLIANT, SET_UP_ARGUMENTS, Evaluation
 from agents.setups.keys import known, table, text, within
 from agents.setups.training import Training
-from impact_gym.files import named_file, parsed
+from impact_gym.support.files import named_file, parsed
+from impact_gym.support.validation import distinct, flag, identifier, number, one_of, shown, whole
 from impact_gym.task import QUANTITIES, ObservationSpec, Task
 from impact_gym.teleop.channels import WAYS, columns_of
-from impact_gym.validation import distinct, flag, identifier, number, one_of, shown, whole
 
 SHIPPED = Path(__file__).resolve().parent
 TUNED = SHIPPED.parent / "tuned"

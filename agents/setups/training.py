@@ -7,7 +7,7 @@ from typing import Any, Literal, Self, get_args
 
 from agents.setups.keys import known
 from impact_gym.quantities import QUANTITIES
-from impact_gym.validation import Range, choice, fits_memory, flag, number, shown, whole
+from impact_gym.support.validation import Range, choice, fits_memory, flag, number, shown, whole
 
 Activation = Literal["tanh", "relu"]
 SLOTS = 100_000

@@ -8,11 +8,11 @@ from typing import Annotated
 
 import tyro
 
-from agents.command_line import command_line, read_command
 from agents.setups import Training, load_setup
 from agents.train.ppo import Run, resume, train
 from agents.train.seeds import train_seeds
-from impact_gym.validation import whole
+from impact_gym.support.command_line import command_line, read_command
+from impact_gym.support.validation import whole
 
 
 @dataclass(frozen=True)

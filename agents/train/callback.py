@@ -16,7 +16,7 @@ from agents.evaluate.scenario_batch import Validation
 from agents.policies.policy import Policy
 from agents.setups import Setup, Training
 from agents.train import checkpoint
-from impact_gym.files import write_file
+from impact_gym.support.files import write_file
 
 STEPS = "time/total_timesteps"
 OBJECTIVES = ("object_velocity", "approach_time", "peak_force", "missed")
@@ -40,7 +40,7 @@ class TrainingCallback(BaseCallback):
         self.validation = Validation(
             setup.task, setup.evaluation.weights, training.validation_scenarios, threads=training.simulation_threads
         )
-        self.bar: Any = None  # see `agents.command_line.progress`
+        self.bar: Any = None  # see `impact_gym.support.command_line.progress`
         self.writer: Any = None  # writer of TensorBoard's events
         self._begun = time.perf_counter()
         self.kept: dict[str, Any] = {  # state that a checkpoint keeps

@@ -18,9 +18,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from agents.archive import archive_of, read_archive
 from agents.setups import Training
-from impact_gym.files import write_file
+from impact_gym.support.archive import archive_of, read_archive
+from impact_gym.support.files import write_file
 
 FORMAT = "impact_gym checkpoint 3"
 # attributes of stable-baselines3 2.9, some of them private; a test checks that a resumed training has the same result

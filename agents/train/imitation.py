@@ -14,7 +14,7 @@ from torch.nn.functional import mse_loss
 
 from agents.baselines.tuned import FIXED, read_tuned, tuned_rule
 from agents.setups import Setup
-from impact_gym.task import ActionSpec, ObservationSpec
+from impact_gym.task import ObservationSpec
 
 
 class Teacher:
@@ -32,7 +32,7 @@ class Teacher:
         self.rules, self.means = [rule.for_task(setup.task) for rule in rules], np.array(means)
         mixed = [{}, *(changes for _, changes in setup.mixed)]
         tasks = [setup.task.changed({**changes, "privileged": privileged}) for changes in mixed]
-        self.spec, self.action_size = ObservationSpec.of_rows(tasks), len(ActionSpec(tasks[0]))
+        self.spec, self.action_size = ObservationSpec.of_rows(tasks), len(tasks[0].action)
 
     def actions(self, observations: NDArray[Any], episode_starts: NDArray[Any]) -> NDArray[np.float32]:
         """Return the teacher's actions (steps, envs, k) for `observations` (steps, envs, n_obs).

@@ -24,10 +24,8 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepR
 from torch.utils.tensorboard.writer import SummaryWriter
 
 from agents.baselines import PaperTrapezoid
-from agents.command_line import command_of, progress
 from agents.policies import Policy, load_policy
 from agents.policies.networks import Affine, Network
-from agents.provenance import circumstances, revision
 from agents.setups import Setup, Training, load_setup
 from agents.setups.feasible import warnings
 from agents.setups.keys import within
@@ -36,10 +34,12 @@ from agents.train import checkpoint
 from agents.train.callback import TrainingCallback
 from agents.train.imitation import PPOWithImitation, Teacher
 from agents.train.networks import ACTIVATIONS, AsymmetricPolicy, Standardised, standardisation
-from impact_gym.files import locked, write_file, writing
 from impact_gym.sb3 import ImpactVecEnv
+from impact_gym.support.command_line import command_of, progress
+from impact_gym.support.files import locked, write_file, writing
+from impact_gym.support.provenance import circumstances, revision
+from impact_gym.support.validation import array, whole
 from impact_gym.task import ObservationSpec, Task
-from impact_gym.validation import array, whole
 
 FIRST_SEED = 10_000_000
 """In the training with seed s, environment i has the seed FIRST_SEED + s * SLOTS + i. The shipped evaluation sets have

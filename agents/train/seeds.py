@@ -16,7 +16,7 @@ from agents.jobs import cached
 from agents.policies import Ensemble, Policy, load_policy
 from agents.setups import Setup, Training
 from agents.train.ppo import Run, resume, train
-from impact_gym.files import write_file
+from impact_gym.support.files import write_file
 
 KEPT = ("config.json", "best.npz", "final.npz", "metrics.json")
 """Files of a run folder that a job returns; `metrics.json` exists only if the run is finished."""

@@ -1,9 +1,9 @@
 """`impact-gym design SETUP --free NAME=LOW:HIGH ... --out DIR`."""
 
-from agents.command_line import command_of, run_command
 from experiments.design.options import DesignOptions, write_setup
 from experiments.design.study import Search, study_of
 from experiments.lab.study import StudyOptions, StudyRun
+from impact_gym.support.command_line import command_of, run_command
 
 
 def design(options: DesignOptions) -> None:

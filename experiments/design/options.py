@@ -14,9 +14,9 @@ from agents.setups import Setup, load_setup
 from experiments.design.pads import on_pad, pad_of
 from experiments.design.search import CONTACT, Candidate, Limits, SearchBudget
 from experiments.design.variables import SearchVariable, search_variables, searched_environment
-from impact_gym.files import parsed, write_file
+from impact_gym.support.files import parsed, write_file
+from impact_gym.support.validation import distinct, identifier, numbers, whole
 from impact_gym.task import Task
-from impact_gym.validation import distinct, identifier, numbers, whole
 
 PAPER, FRONT, CHOSEN = "paper's rule", "designs", "chosen"  # names of chart lines; more: `DesignOptions.others`
 SPRING = "paper's spring"

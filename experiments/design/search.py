@@ -17,8 +17,8 @@ from agents.baselines.tuned import RULES
 from agents.evaluate.scenario_batch import RESULTS, TUNING_SEED, Episodes, ScenarioBatch, Travel
 from experiments.design.pads import Pad, on_pad, pad_of
 from experiments.design.variables import SearchVariable, as_built
+from impact_gym.support.validation import number, whole
 from impact_gym.task import Task
-from impact_gym.validation import number, whole
 
 RTOL = 1e-5  # relative tolerance of the simulation in a search
 PENALTY = 2.0  # m/s, cost of exceeding a limit or the allowed mean approach time by 100 %

@@ -13,8 +13,8 @@ from agents.setups.feasible import corners, warnings
 from agents.setups.keys import known, within
 from impact_gym.couplings import SpringDamper
 from impact_gym.quantities import QUANTITIES
+from impact_gym.support.validation import number
 from impact_gym.task import Task
-from impact_gym.validation import number
 
 WIDE = 10.0  # smallest HIGH / LOW for a logarithmic scale; a log-uniform quantity needs only LOW > 0 for this scale
 

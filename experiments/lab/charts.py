@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from experiments.lab import colours
-from impact_gym.files import write_file
 from impact_gym.render import palette
+from impact_gym.support.files import write_file
 
 mpl.use("agg")
 mpl.rcParams.update(

@@ -12,7 +12,7 @@ from markupsafe import Markup, escape
 from experiments.lab import charts, player
 from experiments.lab.charts import POWER, SYMBOL
 from experiments.lab.parts import Picture, Table, Terms
-from impact_gym.files import write_file
+from impact_gym.support.files import write_file
 
 EXPERIMENTS = Path(__file__).parents[1]
 INTERVAL = re.compile(r"\[[^][]*\]")

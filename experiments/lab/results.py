@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from experiments.lab.parts import Table
-from impact_gym.files import write_file
+from impact_gym.support.files import write_file
 
 FOLDER = Path(__file__).parents[2] / "docs" / "results"
 ABOUT = ("command", "date", "machine", "versions", "table")  # the first lines of a file, "# command: ...", in order
 
 
 def write(folder: Path, name: str, table: Table, record: Mapping[str, Any]) -> Path:
-    """Write `folder`/NAME.csv and return its path; `record` has the command and `agents.provenance.circumstances`."""
+    """Write `folder`/NAME.csv and return its path; `record` has the command and `provenance.circumstances`."""
     versions = ", ".join(f"{package} {version}" for package, version in record["versions"].items())
     about = record["command"], record["date"][:10], record["machine"], versions, table.caption
     file = io.StringIO()

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import polars as pl
 
-from agents.command_line import command_of
 from agents.jobs import cached
-from agents.provenance import circumstances, digest_of, revision
-from impact_gym.files import locked, whole_file, write_file
-from impact_gym.sources import compiled_from
-from impact_gym.validation import whole
+from impact_gym.support.command_line import command_of
+from impact_gym.support.files import locked, whole_file, write_file
+from impact_gym.support.provenance import circumstances, digest_of, revision
+from impact_gym.support.sources import compiled_from
+from impact_gym.support.validation import whole
 
 if TYPE_CHECKING:
     from experiments.lab.parts import Section, Tab

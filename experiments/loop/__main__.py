@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 import tyro
 
-from agents.command_line import run_command
 from agents.evaluate.scenario_batch import ScenarioBatch
 from agents.export.c_header import c_text, identifier, write_header
 from agents.export.contract import Subject, of_name
 from experiments.loop.arm import MAGIC, SILENCE, serve
-from impact_gym.files import write_file
-from impact_gym.validation import number
+from impact_gym.support.command_line import run_command
+from impact_gym.support.files import write_file
+from impact_gym.support.validation import number
 
 SEED = 8_000_000  # seed of the first approach
 

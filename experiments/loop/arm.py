@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from impact_gym.envs.batch import Batch
-from impact_gym.files import write_file
+from impact_gym.support.files import write_file
 from impact_gym.task import Task
 
 MAGIC = b"IGLOOP01"

@@ -9,7 +9,7 @@ from typing import Annotated
 
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
-from agents.command_line import run_command
+from impact_gym.support.command_line import run_command
 
 
 @dataclass(frozen=True)

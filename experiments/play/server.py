@@ -22,7 +22,7 @@ from experiments.lab import player
 from experiments.play import contest, try_files
 from experiments.play.clock import STOPPED
 from experiments.play.session import Session
-from impact_gym.validation import number
+from impact_gym.support.validation import number
 
 HERE, LAB = Path(__file__).parent, Path(__file__).parents[1] / "lab"
 SCRIPTS = tuple(HERE / name for name in ("stage.js", "stick.js", "settings.js", "chart.js", "play.js"))

@@ -13,8 +13,8 @@ from agents.setups import Setup
 from experiments.play import clock, try_files
 from experiments.play.assistance import NAMES, RANGES, about, assistance, playable, record_of, related
 from experiments.play.tries import Try
-from impact_gym.files import locked
-from impact_gym.validation import choice, flag, identifier, number, one_of
+from impact_gym.support.files import locked
+from impact_gym.support.validation import choice, flag, identifier, number, one_of
 
 MAX_ON_CHART = 200  # largest number of tries on the chart
 

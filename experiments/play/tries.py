@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from agents.policies import Controller
-from agents.provenance import circumstances, revision
 from experiments.play.assistance import PERIOD, PERSON, assistance, environment_of, playable
 from impact_gym.envs.batch import Batch, Bodies
 from impact_gym.outcome import Trace
-from impact_gym.sources import compiled_from
+from impact_gym.support.provenance import circumstances, revision
+from impact_gym.support.sources import compiled_from
 from impact_gym.task import Task
 from impact_gym.task.episodes import EpisodeState
 

@@ -8,8 +8,8 @@ from typing import Any
 
 from experiments.play.assistance import NAMES, PERIOD, RANGES
 from experiments.play.tries import RESULTS, Try
-from impact_gym.files import parsed, write_file
-from impact_gym.validation import choice, number, numbers, one_of
+from impact_gym.support.files import parsed, write_file
+from impact_gym.support.validation import choice, number, numbers, one_of
 
 SLOWEST = 16.0  # largest `Try.slow`
 MAX_TEXT, MAX_NUMBER = 4096, 2.0**64  # limits: characters of set-up and marks together; absolute value of a number

@@ -8,17 +8,17 @@ from typing import Any
 
 import tyro
 
-from agents.command_line import command_of, run_command
 from agents.evaluate.play import pairs
-from agents.provenance import digest_of
 from agents.setups import README, load_setup
 from agents.setups.evaluation import RESERVED
 from agents.setups.keys import within
 from experiments.lab.study import Findings, Frames, Study, StudyOptions, run
 from experiments.report.matchups import Matchup, of_policies, of_setup
-from impact_gym.files import parsed
+from impact_gym.support.command_line import command_of, run_command
+from impact_gym.support.files import parsed
+from impact_gym.support.provenance import digest_of
+from impact_gym.support.validation import distinct, number, whole
 from impact_gym.task import Task, evaluation_sets
-from impact_gym.validation import distinct, number, whole
 
 QUESTION = ("How should a remote-controlled tool approach and brake so that it arrives soon and does not shoot the "
             "object away?")  # fmt: skip

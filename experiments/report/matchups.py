@@ -15,12 +15,12 @@ from agents.baselines.tuned import BOUND_SET, FIXED, bound_of, read_tuned
 from agents.evaluate.play import controller_of, environment_and_scenarios, pairs, try_out
 from agents.evaluate.scenario_batch import TEST_SEED
 from agents.policies import Policy, load_ensemble, load_policy
-from agents.provenance import digest_of
 from agents.setups import TUNED, Setup, load_setup, shipped, shipped_baselines
 from agents.setups.evaluation import Evaluation
 from agents.setups.keys import within
-from impact_gym.task import ActionSpec, ObservationSpec, Task
-from impact_gym.validation import identifier, nearest, number
+from impact_gym.support.provenance import digest_of
+from impact_gym.support.validation import identifier, nearest, number
+from impact_gym.task import ObservationSpec, Task
 
 PAPER = "paper's rule"
 RULE = "paper-trapezoid"  # name of the paper's rule among the baselines
@@ -247,6 +247,6 @@ def baselines(
             raise ValueError(f"{known} (give a baseline of your own as module:object)")
         else:
             controller = controller_of({"object": name}, typical)
-            try_out(name, controller, observations, len(ActionSpec(task)))  # an error is raised here, not in a worker
+            try_out(name, controller, observations, len(task.action))  # an error is raised here, not in a worker
             contestants.append(Contestant(name, {"object": name}, (typical,), digest_of(name.partition(":")[0])))
     return tuple(contestants)

@@ -3,7 +3,7 @@
 import importlib
 
 from experiments.lab.study import Study
-from impact_gym.validation import nearest
+from impact_gym.support.validation import nearest
 
 QUESTIONS = {
     "paper": "Does the model agree with the paper?",

@@ -6,9 +6,9 @@ from typing import Annotated
 
 import tyro
 
-from agents.command_line import run_command
 from experiments.lab.study import StudyOptions, run
 from experiments.studies import QUESTIONS, load
+from impact_gym.support.command_line import run_command
 
 STUDIES = "; ".join(f"{name} ({question})" for name, question in QUESTIONS.items())
 

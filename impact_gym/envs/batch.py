@@ -13,14 +13,13 @@ from impact_gym import kernels
 from impact_gym.envs.infos import Infos
 from impact_gym.outcome import Trace
 from impact_gym.simulation import MAX_STEPS
-from impact_gym.task.action import ActionSpec
+from impact_gym.support.threads import CORES, over_rows
+from impact_gym.support.validation import array, fits_memory, number, one_of, whole
 from impact_gym.task.episodes import EpisodeState, first_uniforms, records_with
 from impact_gym.task.observation import ObservationSpec, place
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.task import PLACES, Task
 from impact_gym.teleop.operators import Person
-from impact_gym.threads import CORES, over_rows
-from impact_gym.validation import array, fits_memory, number, one_of, whole
 
 if TYPE_CHECKING:
     from impact_gym.render.film import History
@@ -82,7 +81,7 @@ class Batch:
         periods = (each.longest("range_sensor.delay") / each.control_period for each in sensing)
         range_slots = int(max(periods, default=0.0)) + _SPARE
         packets = max(each.link.packets(each.horizon, each.control_period) if each.link else 0 for each in tasks)
-        self.action_spec, linked = ActionSpec(tasks[0]), size if packets else 0
+        self.action_spec, linked = tasks[0].action, size if packets else 0
         each_row = kernels.CHAIN.itemsize + kernels.EPISODE.itemsize + slots * kernels.READING.itemsize
         each_row += packets * kernels.PACKET.itemsize + 4 * len(self.spec)
         each_row += range_slots * kernels.RANGE_READING.itemsize if sensing else 0

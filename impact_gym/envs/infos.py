@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from impact_gym.kernels import EPISODE
 from impact_gym.quantities import QUANTITIES
+from impact_gym.support.dotted_paths import grouped
 from impact_gym.task.episodes import RECORD_IDS
-from impact_gym.task.nested import grouped
 from impact_gym.task.scenario import FIELDS
 from impact_gym.task.task import Task
 from impact_gym.to_kernel import STATUS_MESSAGES, places

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from impact_gym.envs.arguments import documented
 from impact_gym.envs.batch import Batch
 from impact_gym.outcome import Trace
+from impact_gym.support.validation import WrongTypeError, choice, flag, whole
 from impact_gym.task.episodes import EpisodeState, reset_options
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.task import Task
-from impact_gym.validation import WrongTypeError, choice, flag, whole
 
 if TYPE_CHECKING:
     from impact_gym.render import Renderer

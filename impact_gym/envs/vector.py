@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from impact_gym.envs.batch import Batch
 from impact_gym.envs.single import TRACE_POINTS, ImpactApproachEnv, steps_per_second
+from impact_gym.support.validation import array, choice, one_of, whole
 from impact_gym.task.episodes import reset_options
 from impact_gym.task.task import Task
-from impact_gym.validation import array, choice, one_of, whole
 
 MOST_DRAWN = 16  # largest number of environments in a batch with a render_mode
 

@@ -20,8 +20,8 @@ from impact_gym.identify.result import Identified
 from impact_gym.identify.sensor import LoadCell, Sensor
 from impact_gym.motion import Trapezoid
 from impact_gym.scene import Scene
-from impact_gym.task.nested import replaced
-from impact_gym.validation import WrongTypeError, one_of, shown
+from impact_gym.support.dotted_paths import replaced
+from impact_gym.support.validation import WrongTypeError, one_of, shown
 
 __all__ = ["Identified", "LoadCell", "Sensor", "identify"]
 

@@ -10,16 +10,16 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from impact_gym.files import parsed, whole_file, write_file
 from impact_gym.identify import FREE, Identified, LoadCell, Sensor, identify
 from impact_gym.identify.held_out import hold_out
 from impact_gym.identify.log import read
 from impact_gym.motion import Brake, Trapezoid
 from impact_gym.quantities import QUANTITIES, SCENARIO, SET_UP
 from impact_gym.scene import Contact, Object, Scene, Tool
+from impact_gym.support.dotted_paths import record_from
+from impact_gym.support.files import parsed, whole_file, write_file
+from impact_gym.support.validation import numbers, one_of, shown
 from impact_gym.task import Task
-from impact_gym.task.nested import record_from
-from impact_gym.validation import numbers, one_of, shown
 
 DESCRIPTION = (
     "Fit numbers, such as a stiffness, to measured blows. "

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_gym.csv_files import Column, read_columns
 from impact_gym.identify.sensor import Array, Sensor, bursts, level, noise_of, runs
 from impact_gym.motion import Trapezoid
 from impact_gym.scene import Robot, Scene
-from impact_gym.validation import WrongTypeError, numbers, shown
+from impact_gym.support.csv_files import Column, read_columns
+from impact_gym.support.validation import WrongTypeError, numbers, shown
 
 TIME = Column("s", r"((rel|relative|elapsed) )?(time ?stamp|time)s?|t|zeit|x value")
 READ = {
@@ -67,7 +67,7 @@ class Log:
 
 
 def read(source: Any, name: str) -> Log:
-    """Return a log from a mapping of columns, a CSV file (see `impact_gym.csv_files`), or a `Log`."""
+    """Return a log from a mapping of columns, a CSV file (see `impact_gym.support.csv_files`), or a `Log`."""
     if isinstance(source, Log):
         return source
     said = ""

@@ -18,8 +18,8 @@ from impact_gym.outcome import Trace
 from impact_gym.physics.impact import GRAVITY
 from impact_gym.scene import RobotTable, Scene
 from impact_gym.simulation import simulate
-from impact_gym.task.nested import flatten, get, parts, replaced
-from impact_gym.validation import WrongTypeError
+from impact_gym.support.dotted_paths import flatten, get, parts, replaced
+from impact_gym.support.validation import WrongTypeError
 
 MASS, STIFFNESS, RESTITUTION = "object.mass", "contact.stiffness", "contact.restitution"
 SEARCHED = {STIFFNESS: (1e2, 1e8), RESTITUTION: (0.03, 0.99), MASS: (5e-3, 5e2)}  # ranges of scattered starting points

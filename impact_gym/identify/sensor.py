@@ -9,7 +9,7 @@ from scipy.interpolate import PPoly
 from scipy.linalg import solve_banded
 
 from impact_gym.parameters import SI, Parameters
-from impact_gym.validation import number, one_of
+from impact_gym.support.validation import number, one_of
 
 Array = NDArray[np.float64]
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
 from impact_gym.kernels import delivered, delivered_linear, exact_damping, hu_guo, separation_velocity
-from impact_gym.validation import choice
+from impact_gym.support.validation import choice
 
 
 class Law(NamedTuple):

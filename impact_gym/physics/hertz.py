@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 from itertools import product
 
-from impact_gym.validation import Range, interval, number
+from impact_gym.support.validation import Range, interval, number
 
 
 def hertz(

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from impact_gym.kernels import GRAVITY as GRAVITY  # m/s^2, standard gravity
-from impact_gym.validation import array, number
+from impact_gym.support.validation import array, number
 
 Velocities = NDArray[np.float64] | np.float64
 

@@ -22,11 +22,11 @@ from typing import Any
 
 import numpy as np
 
-from impact_gym.files import parsed
 from impact_gym.robot import urdf
 from impact_gym.robot.approach import IMPACT, Approach, Array, default_approach
 from impact_gym.robot.arm import Arm, joint_angles
-from impact_gym.validation import choice, number, numbers, one_of, unit_text, whole
+from impact_gym.support.files import parsed
+from impact_gym.support.validation import choice, number, numbers, one_of, unit_text, whole
 
 __all__ = ["IMPACT", "Approach", "Arm", "default_approach", "from_urdf", "joint_angles"]
 

@@ -22,7 +22,7 @@ from impact_gym.robot.approach import Approach, Array
 from impact_gym.robot.arm import Arm
 from impact_gym.robot.equations import MOST_EVALUATIONS, Equations, Path, Servo, Unfinished
 from impact_gym.scene import Scene
-from impact_gym.validation import flag, number, one_of
+from impact_gym.support.validation import flag, number, one_of
 
 __all__ = ["Blow", "Servo", "simulate"]
 

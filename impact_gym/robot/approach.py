@@ -9,10 +9,10 @@ from typing import Annotated, Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_gym.files import parsed, write_file
 from impact_gym.parameters import SI, Parameters
 from impact_gym.scene import Robot, RobotTable
-from impact_gym.validation import array, choice, shown
+from impact_gym.support.files import parsed, write_file
+from impact_gym.support.validation import array, choice, shown
 
 Array = NDArray[np.float64]
 SHIPPED = Path(__file__).with_name("default_approach.json")

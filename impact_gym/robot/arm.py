@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from impact_gym.robot.approach import Approach, Array
 from impact_gym.robot.bodies import Body, specification
-from impact_gym.validation import number, numbers
+from impact_gym.support.validation import number, numbers
 
 TOLERANCE = 1e-10  # m and rad, largest error of a pose found by `joint_angles`
 STEPS = 200  # largest number of steps of `joint_angles`

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from impact_gym.robot.approach import Array
 from impact_gym.robot.bodies import Body
-from impact_gym.validation import number, unit_text
+from impact_gym.support.validation import number, unit_text
 
 UNITS = {"revolute": "rad", "continuous": "rad", "prismatic": "m"}
 """Types of movable joints that an arm may have, and the unit of each type's position."""

@@ -1,14 +1,12 @@
 """The numbers of an action: conversion from [-1, 1] to SI units and back."""
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from impact_gym.kernels import ACTION, FASTEST_WITHDRAWAL
-
-if TYPE_CHECKING:
-    from impact_gym.task.task import Task
+from impact_gym.support.validation import Range
 
 RESOLUTION = 1e-6  # m/s or m/s^2; values are rounded to multiples of this, so a float32 action can give exactly 8 m/s^2
 
@@ -27,13 +25,13 @@ class Action(NamedTuple):
 class ActionSpec:
     """The numbers of an action, and their conversion."""
 
-    def __init__(self, task: "Task") -> None:
-        velocity = Action("velocity", "m/s", *task.velocity_range, "velocity to go to")
-        acceleration = Action("acceleration", "m/s^2", *task.acceleration_range, "acceleration to use for it")
+    def __init__(self, velocities: Range, accelerations: Range, *, operated: bool) -> None:
+        """Describe the action for ranges of velocity (m/s) and acceleration (m/s^2); `operated`: by an operator."""
+        velocity = Action("velocity", "m/s", *velocities, "velocity to go to")
+        acceleration = Action("acceleration", "m/s^2", *accelerations, "acceleration to use for it")
         gain = Action("gain", "-", 0.0, 1.0, "share of the operator's command", 0.0)
         withdrawal = Action("withdrawal", "m/s", 0.0, FASTEST_WITHDRAWAL, "withdrawal after an alarm", 0.0)
-        alone = task.operator is None
-        self.entries = (velocity, acceleration) if alone else (gain, acceleration, withdrawal)
+        self.entries = (gain, acceleration, withdrawal) if operated else (velocity, acceleration)
         self._low, self._high = np.array([(entry.low, entry.high) for entry in self.entries]).T
 
     def __len__(self) -> int:

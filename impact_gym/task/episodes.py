@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from impact_gym.kernels import RECORD, UNIFORMS
 from impact_gym.quantities import EPISODE, QUANTITIES, SCENARIO
+from impact_gym.support.validation import number, one_of, shown, unit_text
 from impact_gym.task.scenario import FIELDS
 from impact_gym.task.task import PLACES, Task
-from impact_gym.validation import number, one_of, shown, unit_text
 
 RECORD_IDS = tuple(row.id for row in (*SCENARIO, *EPISODE))
 """Ids of the numbers in every record."""

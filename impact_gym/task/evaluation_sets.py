@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_gym.files import named_file, parsed
 from impact_gym.quantities import SCENARIO
-from impact_gym.validation import unit_text
+from impact_gym.support.files import named_file, parsed
+from impact_gym.support.validation import unit_text
 
 SHIPPED = Path(__file__).with_name("sets")
 

@@ -4,6 +4,7 @@ import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
+from functools import cached_property
 from typing import Any, Self, get_args
 
 import numpy as np
@@ -12,15 +13,15 @@ from impact_gym.couplings import COUPLINGS, SpringDamper, warn_of_stroke
 from impact_gym.kernels import RECORD, TASK
 from impact_gym.quantities import AFTER_ALARM, HORIZON, PAST_READINGS, QUANTITIES, SET_UP
 from impact_gym.scene import Contact, Robot
+from impact_gym.support.dotted_paths import get, grouped
+from impact_gym.support.validation import Range, WrongTypeError, choice, flag, number, one_of, shown, whole
 from impact_gym.task.action import ActionSpec
-from impact_gym.task.nested import get, grouped, ranged_record
 from impact_gym.task.range_sensor import RangeSensor
-from impact_gym.task.scenario import ScenarioRanges
+from impact_gym.task.scenario import ScenarioRanges, ranged_record
 from impact_gym.teleop.channels import WAYS, Channel
 from impact_gym.teleop.link import Link
 from impact_gym.teleop.operators import Operator
 from impact_gym.to_kernel import LOCAL_SHARE, ROBOT_NUMBERS, mount_to_kernel, places
-from impact_gym.validation import Range, WrongTypeError, choice, flag, number, one_of, shown, whole
 
 VELOCITY_RANGE = (-0.5, 1.5)  # m/s, default of the argument `velocity_range`
 ACCELERATION_RANGE = (1.0, 20.0)  # m/s^2, default of the argument `acceleration_range`
@@ -242,6 +243,11 @@ class Task:
         drawn = {name for name in {*self.drawn, *other.drawn} if self.drawn.get(name) != other.drawn.get(name)}
         return sorted(names | {name.partition(".")[0] for name in drawn})
 
+    @cached_property
+    def action(self) -> ActionSpec:
+        """The numbers of the action."""
+        return ActionSpec(self.velocity_range, self.acceleration_range, operated=self.operator is not None)
+
     def at(self, record: Mapping[str, float]) -> "Task":
         """Return a task in which numbers of `record` (an `info["record"]`) replace the ranges in `drawn`."""
         return self.changed({name: float(record[name]) for name in self.drawn}) if self.drawn else self
@@ -272,12 +278,11 @@ class Task:
             law: Any = QUANTITIES[name].draw
             source = -1 - law.place if law.own_stream else law.place  # see `Draw` in `records.pxi`
             draws.append((PLACES[name], source, QUANTITIES[name].by_ratio(low), low, high))
-        action = ActionSpec(self)
         same = ("control_period", "horizon", "after_alarm", "missed_cost", "force_weight")
         values = {name: getattr(self, name) for name in same} | {
             "full_deceleration": self.acceleration_range[1], "settle_limit": SETTLE_LIMIT,
             "reference_velocity": self.reference_velocity or 0.0, "velocity": self.velocity_range,
-            "action_size": len(action), "actions": action.to_kernel(),
+            "action_size": len(self.action), "actions": self.action.to_kernel(),
             "first_draw": first_draw, "last_draw": first_draw + len(draws),
             "mount_drawn": not self.drawn.keys().isdisjoint(MOUNT_IDS),
             "range_sensor": self.range_sensor is not None, "alarm_by_reading": self.alarm == "reading",

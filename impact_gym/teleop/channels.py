@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_gym.csv_files import Column, read_columns
 from impact_gym.kernels import LONGEST_JITTER
 from impact_gym.parameters import Parameters
-from impact_gym.validation import numbers, rising, shown
+from impact_gym.support.csv_files import Column, read_columns
+from impact_gym.support.validation import numbers, rising, shown
 
 WAYS = ("uplink", "downlink")
 CUT = float(LONGEST_JITTER)  # the random part of a delay is at most this multiple of its mean

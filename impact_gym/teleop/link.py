@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_gym.kernels import LONGEST_JITTER, WITHDRAWAL_FADE
+from impact_gym.support.validation import Range
 from impact_gym.teleop.channels import LOST, WAYS, Channel
 from impact_gym.teleop.operators import KINDS, Operator, Replay
-from impact_gym.validation import Range
 
 # limits of the median time between a trace's packets, in control periods and in s; the longer limit applies
 LONGEST_SPACING, SLOWEST_PING = 200, 2.0

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from impact_gym.kernels import PERSON, REACH, REPLAY, SECOND_ORDER_LAG, STEADY, TRACKER
 from impact_gym.parameters import SI, Parameters
-from impact_gym.validation import rising
+from impact_gym.support.validation import rising
 
 SIMPLE_REACTION = 0.213  # s, mean reaction time of 1,469 persons (Woods et al., Front. Hum. Neurosci. 9, 2015, 131)
 Instants = Annotated[tuple[float, ...], SI("s", at_least=0.0, at_most=1e6)]

@@ -20,7 +20,7 @@ from agents.evaluate.scenario_batch import ScenarioBatch
 from agents.setups import owner, shipped_baselines
 from agents.tune import CLEAN_ALARM
 from impact_gym.envs.batch import Batch
-from impact_gym.task import ActionSpec, ObservationSpec, Task
+from impact_gym.task import ObservationSpec, Task
 
 RULES = [*tuned.RULES.values(), Clairvoyant]
 STAY = [0.0] * (len(REACTION) - 1) + [20.0]
@@ -44,7 +44,7 @@ def test_constant_speed_goes_until_the_alarm_and_then_stops():
     for rule, go, stop in ((PaperTrapezoid(), (1.0, 8.0), (0.0, 8.0)), (fast, (1.5, 20.0), (0.0, 1.0))):
         seen = observations(rule, 50)
         expected = np.where(rule.spec.decode(seen, "alarm")[:, None] > 0.5, stop, go)
-        assert ActionSpec(Task()).decode(rule.predict(seen)[0]) == pytest.approx(expected, rel=0, abs=1e-6)
+        assert Task().action.decode(rule.predict(seen)[0]) == pytest.approx(expected, rel=0, abs=1e-6)
 
 
 def test_flange_follows_a_blind_profile_within_the_limits():

@@ -20,7 +20,7 @@ from agents.export.contract import Subject, of_name, of_setup
 from agents.export.onnx_graph import write_onnx
 from agents.policies.networks import to_arrays
 from impact_gym.envs import IDS
-from impact_gym.task import QUANTITIES, ActionSpec, Task
+from impact_gym.task import QUANTITIES, Task
 
 onnx, _ = map(pytest.importorskip, ("onnx", "onnxruntime"))
 pytestmark = pytest.mark.skipif(not (shutil.which("cc") or shutil.which("gcc")), reason="no C compiler")
@@ -75,7 +75,7 @@ def test_header_and_onnx_have_one_contract_of_the_task(tmp_path, environment):
     inputs = [said[f"input {place:02}"] for place in range(policy.inputs)]
     outputs = [said[f"output {place:02}"] for place in range(policy.actions)]
     assert [row["id"] for row in inputs] == [*policy.spec.ids]
-    assert [(row["id"], row["unit"]) for row in outputs] == [(row.id, row.unit) for row in ActionSpec(task).entries]
+    assert [(row["id"], row["unit"]) for row in outputs] == [(row.id, row.unit) for row in task.action.entries]
     for row in inputs:
         assert row["unit"] == QUANTITIES[re.sub(r"_\d$", "", row["id"])].unit
         ends = policy.spec.encode(row["id"], [row["low"], row["high"]])
@@ -107,7 +107,7 @@ def test_loader_of_the_page_runs_onnx_from_its_metadata(tmp_path):
     span = [action.high - action.low for action in subject.actions]
     wide = 1.2 * observations(policy, 150)
     actions = policy.predict(np.clip(wide, policy.spec.scaled_low, 1.0))[0]
-    for row, expected in zip(wide, ActionSpec(subject.task).decode(actions), strict=True):
+    for row, expected in zip(wide, subject.task.action.decode(actions), strict=True):
         seen = {name: policy.spec.decode(row, name) for name in policy.spec.ids}
         assert np.abs((np.array([*command(seen).values()]) - expected) / span).max() < 2e-6
 

@@ -17,9 +17,9 @@ from cluster_work import calls, ends_badly, numbers
 from episode_runs import assert_identical
 
 from agents import jobs
-from agents.command_line import command_line
 from agents.jobs import Call, JobsFailedError, cached
-from impact_gym.files import DiskFullError
+from impact_gym.support.command_line import command_line
+from impact_gym.support.files import DiskFullError
 
 ROOT = Path(__file__).parents[2]
 

@@ -16,11 +16,11 @@ from agents.baselines import PaperTrapezoid
 from agents.evaluate.scenario_batch import RESULTS, TEST_SEED, TUNING_SEED, VALIDATION_SEED, ScenarioBatch, Validation
 from agents.policies import Ensemble, load_ensemble
 from agents.policies.networks import to_arrays
-from agents.provenance import digest_of
 from agents.setups import shipped
 from agents.setups.evaluation import WEIGHTS
 from agents.train.ppo import FIRST_SEED
 from agents.train.seeds import median
+from impact_gym.support.provenance import digest_of
 from impact_gym.task import Task, evaluation_sets
 
 

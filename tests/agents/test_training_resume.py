@@ -20,7 +20,7 @@ from agents.train.__main__ import read_options, run
 from agents.train.callback import CollapsedError, TrainingCallback
 from agents.train.ppo import resume, train
 from agents.train.seeds import train_one
-from impact_gym.files import UNFINISHED
+from impact_gym.support.files import UNFINISHED
 from impact_gym.task import Task
 
 

@@ -13,7 +13,7 @@ from agents.baselines.cmaes import minimise
 from agents.baselines.rule import Parameter
 from agents.baselines.tuned import BOUND_SET, bound_of, load_baseline, read_bound, read_tuned, tuned_rule, write_bound
 from agents.evaluate.scenario_batch import ScenarioBatch
-from impact_gym.files import locked
+from impact_gym.support.files import locked
 from impact_gym.task import Task
 
 SPACE = (

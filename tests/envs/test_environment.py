@@ -18,7 +18,7 @@ from agents.evaluate.scenario_batch import ScenarioBatch
 from agents.setups import load_setup
 from experiments.reference import task as slow
 from impact_gym.envs.batch import Batch
-from impact_gym.task import ActionSpec, Task
+from impact_gym.task import Task
 from impact_gym.task.range_sensor import RangeSensor
 
 COUPLINGS = [PAPERS_SPRING, ig.SpringDamper(150.0, 0.2), ig.Rigid(), ig.Bistable()]
@@ -72,7 +72,7 @@ def test_object_never_reached_is_missed_after_the_horizon(options, count):
 
 @pytest.mark.parametrize("options", [{}, {"velocity_range": (-1.0, 0.5), "acceleration_range": (0.5, 10.0)}], ids=str)
 def test_action_is_decoded_to_the_numbers_that_are_encoded(options):
-    spec, action = ActionSpec(Task(**options)), np.random.default_rng(0).uniform(-1.2, 1.2, (200, 2))
+    spec, action = Task(**options).action, np.random.default_rng(0).uniform(-1.2, 1.2, (200, 2))
     decoded = spec.decode(action)
     assert spec.encode(*decoded.T) == pytest.approx(np.clip(action, -1.0, 1.0), abs=2e-6)
     assert decoded == pytest.approx(np.round(decoded, 6), rel=1e-12)

@@ -14,7 +14,6 @@ from own_set_up import change
 from refusal import refused
 from scipy.stats import ttest_1samp
 
-from agents.command_line import command_line, command_of, read_command
 from agents.policies import load_ensemble
 from agents.setups import Training, load_setup
 from agents.train.__main__ import TrainOptions
@@ -24,6 +23,7 @@ from experiments.controller import copy_setup
 from experiments.lab.study import StudyOptions, last_run
 from experiments.studies import QUESTIONS
 from experiments.studies.__main__ import StudyCommand
+from impact_gym.support.command_line import command_line, command_of, read_command
 
 pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning:runpy")  # of a module that was imported before it runs
 

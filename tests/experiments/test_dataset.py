@@ -17,7 +17,7 @@ from agents.baselines import PaperTrapezoid, load_baseline
 from agents.policies import load_policy
 from agents.setups import load_setup
 from experiments.play import try_files
-from impact_gym.sources import compiled_from
+from impact_gym.support.sources import compiled_from
 
 minari = pytest.importorskip("minari")
 dataset = pytest.importorskip("experiments.dataset")

@@ -19,7 +19,7 @@ from agents.evaluate.scenario_batch import RESULTS, ScenarioBatch
 from experiments.lab.study import MARK, StudyOptions, last_run, run
 from experiments.report.__main__ import ReportOptions, matchups_of, study_of
 from experiments.report.matchups import BOUND, PAPER
-from impact_gym.files import UNFINISHED
+from impact_gym.support.files import UNFINISHED
 from impact_gym.task import Task, evaluation_sets
 from impact_gym.task.scenario import FIELDS
 

@@ -11,7 +11,6 @@ from made_up_matchup import played
 from own_set_up import change
 from refusal import refused
 
-from agents import provenance
 from agents.evaluate.play import play
 from agents.export.contract import of_name
 from agents.setups import load_setup
@@ -22,7 +21,8 @@ from experiments.lab.parts import Section
 from experiments.report import __main__ as report
 from experiments.report import episodes, matchups, page
 from experiments.report.matchups import PAPER, Contestant
-from impact_gym.files import locked
+from impact_gym.support import provenance
+from impact_gym.support.files import locked
 
 ROOT = Path(__file__).parents[2]
 EPISODES = ("agents/evaluate/play.py", "agents/baselines/profile.py", "agents/policies/networks.py", "mine.py",

@@ -23,7 +23,7 @@ from experiments.studies import stability, teleop
 from experiments.studies.solvers import approaches, contenders
 from experiments.studies.speed import rates
 from experiments.studies.stability import storm
-from impact_gym.sources import compiled_from
+from impact_gym.support.sources import compiled_from
 
 FIGURES = {"paper": 1, "speed": 0, "stability": 0, "teleop": 0, "speed of trainings": 0}
 EVERY = [pytest.param(name, marks=pytest.mark.slow) if "training" in name else name for name in FIGURES]

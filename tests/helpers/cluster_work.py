@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from agents.jobs import ONE_THREAD
-from impact_gym.files import whole_file
+from impact_gym.support.files import whole_file
 
 
 def _called(log, number):

@@ -10,13 +10,13 @@ from impact_gym.kernels import PACKET
 
 import impact_gym as ig
 from impact_gym.envs.batch import Batch
-from impact_gym.task import QUANTITIES, ActionSpec, Task
+from impact_gym.task import QUANTITIES, Task
 
 ID, TELEOP = "ImpactApproach-v0", "ImpactTeleop-v0"
 IDS = sorted(name for name in gym.registry if name.startswith("ImpactApproach"))
 COMMANDED = "command", "command_age", "is_intervention", "teleop_action", "intervene_action"  # in info of each step
 ROBOT, PAPERS_SPRING = ig.Robot(5.225, 1.9e5, 50.4), ig.SpringDamper(50.0, 1.0)
-encode = ActionSpec(Task()).encode
+encode = Task().action.encode
 """From velocity (m/s) and acceleration (m/s^2) to the action of `ID`."""
 ARM, AWAY = {"friction": 0.3, "horizon": 8.0, "velocity_range": (-0.3, 0.5)}, {"distance": 0.79}
 OWN, STOP, GENTLE = [1.0, 1.0, -1.0], [-1.0, 1.0, -1.0], [1.0, 2.0 * (8.0 - 1.0) / 19.0 - 1.0, -1.0]

@@ -9,7 +9,7 @@ from functools import cache
 from hashlib import sha256
 from pathlib import Path
 
-from impact_gym.files import locked
+from impact_gym.support.files import locked
 
 SOURCE, ROOT = Path(__file__).with_name("kernel_access.pyx"), Path(__file__).parents[2]
 BUILT = ROOT / "build" / "kernel_access"

@@ -6,7 +6,7 @@ import numpy as np
 
 from agents import Policy
 from agents.policies.networks import Affine, Network
-from impact_gym.task import ActionSpec, ObservationSpec, Task
+from impact_gym.task import ObservationSpec, Task
 
 
 def made_up_policy(seed=0, environment=None, activation="tanh", log_std=-1.0, sizes=(16, 12)):
@@ -17,7 +17,7 @@ def made_up_policy(seed=0, environment=None, activation="tanh", log_std=-1.0, si
         return Affine(name, weight.astype(np.float32), rng.normal(size=outputs).astype(np.float32) * np.float32(0.3))
 
     task = Task(**(environment or {}))
-    outputs, widths = len(ActionSpec(task)), [len(ObservationSpec(task)), *sizes]
+    outputs, widths = len(task.action), [len(ObservationSpec(task)), *sizes]
     hidden = [affine(f"hidden_{k}", n, m) for k, (m, n) in enumerate(itertools.pairwise(widths))]
     noise = Affine("log_std", np.zeros((outputs, widths[-1]), np.float32), np.full(outputs, log_std, np.float32))
     network = Network(tuple(hidden), affine("mean", outputs, widths[-1]), noise, activation)

@@ -16,7 +16,7 @@ from experiments.play.assistance import record_of, usual
 from experiments.play.clock import Clock
 from experiments.play.session import Session
 from experiments.play.tries import Live, Try
-from impact_gym.files import write_file
+from impact_gym.support.files import write_file
 
 SETUP = "teleop-spring"
 SERVE = """

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from impact_gym.validation import shown
+from impact_gym.support.validation import shown
 
 NO_NUMBERS = None, True, "1", {}, b"1", 1j, object(), np.True_, np.complex128(1.0), Decimal("sNaN")
 

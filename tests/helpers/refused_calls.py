@@ -19,7 +19,6 @@ from refusal import changed
 
 import impact_gym as ig
 from agents import load_policy, load_setup
-from agents.archive import archive_of
 from agents.baselines import PaperTrapezoid  # noqa: F401
 from agents.policies import Ensemble
 from agents.policies.policy import FORMAT
@@ -29,6 +28,7 @@ from experiments.report import __main__ as reports
 from impact_gym.identify.__main__ import parse
 from impact_gym.robot import all_joints, default_approach
 from impact_gym.sb3 import ImpactVecEnv
+from impact_gym.support.archive import archive_of
 from impact_gym.task import evaluation_sets
 
 MOMENTS, APPROACH = count(1), default_approach()

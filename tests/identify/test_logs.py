@@ -11,10 +11,10 @@ from scipy.optimize import brentq
 from scipy.stats import chi2, f, norm
 
 import impact_gym as ig
-from impact_gym.csv_files import SCALES, Column, read_columns
 from impact_gym.identify.log import Log, read
 from impact_gym.identify.model import Model, free_coordinates
 from impact_gym.identify.result import _words, misfits
+from impact_gym.support.csv_files import SCALES, Column, read_columns
 
 STAMPS, PUSHES = np.arange(20) / 51200, 12.0 * np.sin(np.arange(20))  # s, N
 INCH, FALL, POUND = 0.0254, 9.80665, 0.45359237  # m, m/s^2, kg, by definition

@@ -13,7 +13,7 @@ import impact_gym as ig
 from impact_gym.physics.impact import GRAVITY
 from impact_gym.quantities import BY_PATH
 from impact_gym.scene import LAWS
-from impact_gym.task import nested
+from impact_gym.support import dotted_paths
 
 SEEDS = range(1060, 1120)
 
@@ -101,9 +101,9 @@ def test_simulate_does_not_depend_on_the_units(coupling, robot):
         factors = {"kg": mass, "m": length, "s": time, "N": force, "m/s": speed, "m/s^2": speed / time}
         factors |= {"N/m": force / length, "N s/m": force / speed}
         factors[BY_PATH["contact.stiffness"].unit] = force / length**chain.contact.stiffness_exponent  # N/m^m
-        records = {**nested.parts(chain), "motion": motion}
-        numbers = {path: x * factors.get(BY_PATH[path].unit, 1.0) for path, x in nested.flatten(records).items()}
-        other = nested.replaced(records, numbers)
+        records = {**dotted_paths.parts(chain), "motion": motion}
+        numbers = {path: x * factors.get(BY_PATH[path].unit, 1.0) for path, x in dotted_paths.flatten(records).items()}
+        other = dotted_paths.replaced(records, numbers)
         moved = other.pop("motion")
         if isinstance(chain.robot, ig.RobotTable):
             scales = {"position": length, "mass": mass, "stiffness": force / length, "damping": force / speed}

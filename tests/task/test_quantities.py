@@ -16,18 +16,19 @@ from scipy.stats import kstest
 import impact_gym as ig
 from impact_gym import quantities as table
 from impact_gym.quantities import EPISODE, QUANTITIES, SCENARIO, SET_UP
-from impact_gym.task import ObservationSpec, ScenarioRanges, Task, nested
+from impact_gym.support import dotted_paths
+from impact_gym.support.validation import unit_text
+from impact_gym.task import ObservationSpec, ScenarioRanges, Task
 from impact_gym.task.episodes import reset_options
 from impact_gym.task.task import ARGUMENTS
-from impact_gym.validation import unit_text
 
 EVERY_ROW = pytest.mark.parametrize("row", QUANTITIES.values(), ids=list(QUANTITIES))
 CONTACT, BRAKE = ig.Contact(1e5, 0.5, "fixed"), ig.Brake(deceleration=5.0)
 SPRING, ROBOT = ig.SpringDamper(150.0, stroke=0.02), ig.Robot(5.0, 1e5, 50.0)
 SPRUNG = ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.25, 0.1), CONTACT, SPRING, ROBOT)
 SCENES = [SPRUNG, dataclasses.replace(SPRUNG, coupling=ig.Bistable())]
-RECORDS = [{**nested.parts(scene), "motion": ig.Trapezoid(1.0, 8.0, BRAKE)} for scene in SCENES]
-NUMBERS = {path: records for records in RECORDS for path in nested.flatten(records)}
+RECORDS = [{**dotted_paths.parts(scene), "motion": ig.Trapezoid(1.0, 8.0, BRAKE)} for scene in SCENES]
+NUMBERS = {path: records for records in RECORDS for path in dotted_paths.flatten(records)}
 """The records by each dotted path of a number in them."""
 
 ALL_DRAWN = EVERYTHING_DRAWN | STEERED_DRAWN
@@ -41,8 +42,8 @@ def inputs(row):
     path = row.path or row.id
     if path in NUMBERS:
         records, (parent, _, field) = NUMBERS[path], path.rpartition(".")
-        kind = type(nested.get(records, parent)).__name__
-        yield f"{kind}.{field}", lambda value: nested.replaced(records, {path: value}), None
+        kind = type(dotted_paths.get(records, parent)).__name__
+        yield f"{kind}.{field}", lambda value: dotted_paths.replaced(records, {path: value}), None
     if row in SCENARIO:
         take = lambda value: ScenarioRanges(**{row.id: value})  # noqa: E731
         yield f"ScenarioRanges.{row.id}", take, take
@@ -53,8 +54,8 @@ def inputs(row):
         yield row.id, lambda value: Task(**{row.id: value}), None
     if row.id.startswith(("coupling.", "robot.")) and path in NUMBERS:
         part, _, field = row.id.partition(".")
-        kind = type(nested.get(NUMBERS[path], part)).__name__
-        given = dataclasses.asdict(nested.get(NUMBERS[path], part)) | {"type": kind}
+        kind = type(dotted_paths.get(NUMBERS[path], part)).__name__
+        given = dataclasses.asdict(dotted_paths.get(NUMBERS[path], part)) | {"type": kind}
         take = lambda value: Task(**{part: given | {field: value}})  # noqa: E731
         yield f"{row.id}[1]", lambda value: take((given[field], value)), take
     if row.id in ("duration", "rtol"):
@@ -96,11 +97,11 @@ def test_limits_are_those_of_the_unit_and_enclose_the_draws(row):
 
 @pytest.mark.parametrize("path", NUMBERS)
 def test_path_is_read_changed_and_swept(path):
-    records, before = NUMBERS[path], nested.flatten(NUMBERS[path])
+    records, before = NUMBERS[path], dotted_paths.flatten(NUMBERS[path])
     value = Fraction(0.98 * before[path] or 0.01)  # a record stores any number as a float
-    changed = nested.replaced(records, {path: value})
-    assert nested.flatten(changed) == before | {path: float(value)}
-    assert nested.get(records, path) == before[path]
+    changed = dotted_paths.replaced(records, {path: value})
+    assert dotted_paths.flatten(changed) == before | {path: float(value)}
+    assert dotted_paths.get(records, path) == before[path]
     motion, scene = records["motion"], {name: each for name, each in records.items() if name != "motion"}
     swept = ig.sweep(ig.Scene(**scene), motion, {path: [float(value)]}, duration=1.0)
     outcome = ig.simulate(ig.Scene(**{name: changed[name] for name in scene}), changed["motion"], duration=1.0)

@@ -2,11 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import MISSING, fields, is_dataclass, replace
-from itertools import product
 from typing import Any
 
-from impact_gym.quantities import QUANTITIES
-from impact_gym.validation import Range, WrongTypeError, shown
+from impact_gym.support.validation import WrongTypeError, shown
 
 Tree = Mapping[str, Any]
 
@@ -53,22 +51,6 @@ def grouped(numbers: Mapping[str, Any]) -> dict[str, Any]:
         else:
             groups[first] = value
     return groups
-
-
-def ranged_record(name: str, value: Any, kinds: tuple[type[Any], ...]) -> tuple[Any, dict[str, Range]]:
-    """Return the record (of a class in `kinds`) that `value` describes, and the ranges in `value` by dotted path.
-
-    The record has the median of each range. Each combination of the ranges' ends must be valid.
-    """
-    if not isinstance(value, Mapping):
-        return record_from(name, value, kinds), {}
-    rows = {inner: QUANTITIES.get(f"{name}.{inner}") for inner, given in value.items() if given is not None}
-    pairs = {inner: row.interval(value[inner]) for inner, row in rows.items() if row and row.draw}
-    for corner in product(*(sorted({*pair}) for pair in pairs.values())):
-        record_from(name, {**value, **dict(zip(pairs, corner, strict=True))}, kinds)
-    middles = {inner: QUANTITIES[f"{name}.{inner}"].middle(*pair) for inner, pair in pairs.items()}
-    ranges = {f"{name}.{inner}": pair for inner, pair in pairs.items() if pair[0] < pair[1]}
-    return record_from(name, {**value, **middles}, kinds), ranges
 
 
 def record_from(name: str, value: Any, allowed: tuple[type[Any], ...]) -> Any:

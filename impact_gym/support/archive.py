@@ -12,8 +12,8 @@ import numpy as np
 from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
-from impact_gym.files import reason
-from impact_gym.validation import shown
+from impact_gym.support.files import reason
+from impact_gym.support.validation import shown
 
 Arrays = Mapping[str, NDArray[Any]]
 

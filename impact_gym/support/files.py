@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any, TypeVar
 
-from impact_gym.validation import nearest, one_of, shown
+from impact_gym.support.validation import nearest, one_of, shown
 
 Content = TypeVar("Content")
 

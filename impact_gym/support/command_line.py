@@ -13,7 +13,7 @@ from dataclasses import MISSING, fields, is_dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from impact_gym.files import DiskFullError, writing
+from impact_gym.support.files import DiskFullError, writing
 
 if TYPE_CHECKING:
     from tqdm import tqdm

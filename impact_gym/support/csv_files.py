@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_gym.files import parsed
-from impact_gym.validation import shown
+from impact_gym.support.files import parsed
+from impact_gym.support.validation import shown
 
 SCALES: Mapping[str, Mapping[str, float]] = {
     unit: {alias: factor for factor, aliases in scales.items() for alias in aliases.split()}

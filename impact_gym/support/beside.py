@@ -31,5 +31,5 @@ class Beside:
 
 def install() -> None:
     """Register the finder in a checkout; do nothing in an installed package."""
-    if not Path(__file__).with_name("agents").is_dir():
+    if not Path(__file__).parent.with_name("agents").is_dir():
         sys.meta_path.insert(0, Beside)

@@ -7,7 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).parents[1]
 REMEDY = "compile it with `make setup`, or `python setup.py build_ext --inplace` in the project's folder"
 
 
