@@ -14,11 +14,15 @@ def documented(kind: Kind) -> Kind:
     """Replace the placeholders in the docstring of a class, such as OBSERVATION_TABLE, by Markdown tables."""
     pairs = zip(SCENARIO, ScenarioRanges().by_id().values(), strict=True)
     scenario = [(f"`{row.id}`", f"{low:g} - {high:g}", law_of(row), row.unit) for row, (low, high) in pairs]
-    set_up = [(f"`{q.id}`", law_of(q), q.unit, *map("{:g}".format, q.scale[:2]), q.scale.curve) for q in SET_UP]
+    ids = {row.id: row.id.replace("uplink", "downlink") for row in SET_UP if not row.id.startswith("downlink")}
+    set_up = [
+        (", ".join(f"`{name}`" for name in dict.fromkeys((row.id, ids[row.id])) if name in QUANTITIES),
+         unit_of(row), *map("{:g}".format, row.scale[:2])) for row in SET_UP if row.id in ids
+    ]  # fmt: skip
     tables: dict[str, Rows] = {
         "OBSERVATION_TABLE": observation_table(),
         "SCENARIO_TABLE": [("Scenario field", "Default range", "Distribution", "Unit"), *scenario],
-        "SET_UP_TABLE": [("Number of the set-up", "Distribution", "Unit", "Observed from", "to", "Scale"), *set_up],
+        "SET_UP_TABLE": [("Number of the set-up", "Unit", "Observed from", "to"), *set_up],
         "ARGUMENT_TABLE": argument_table(),
     }
     for place, rows in tables.items():
@@ -30,11 +34,14 @@ def documented(kind: Kind) -> Kind:
     return kind
 
 
+def unit_of(row: Quantity) -> str:
+    """Return the unit of a number, and the function that is applied to the number before it is scaled."""
+    return row.unit + {"linear": "", "log": ", as log", "log1p": ", as log(1 + F)"}[row.scale.curve]
+
+
 def law_of(row: Quantity) -> str:
-    """Return in words how a number of the scenario or set-up is distributed."""
-    if row.draw is None or not row.draw.by_ratio:
-        return "uniform"
-    return "log-uniform; uniform if low is 0" if row.limits.at_least == 0.0 else "log-uniform"
+    """Return in words how a number of the scenario is distributed."""
+    return "log-uniform" if row.draw and row.draw.by_ratio else "uniform"
 
 
 def observation_table() -> Rows:
@@ -43,14 +50,13 @@ def observation_table() -> Rows:
     seen.sort(key=lambda row: (row.observed != "always", row.observed == "privileged"))
     rows: Rows = [("Num", "Observation", "Unit", "from", "to", "Scaled to", "Argument")]
     for place, row in enumerate(seen):
-        low, high, scaled_low, curve, ends = row.scale
-        unit = {"linear": row.unit, "log": f"{row.unit}, as log", "log1p": f"{row.unit}, as log(1 + F)"}[curve]
+        low, high, scaled_low, _, ends = row.scale
         always = row.observed == "always"
         shapers = ", ".join(f"`{name}`" for name in (ends, *row.shaped_by) if name)
         argument = shapers if always else f"only with `{row.observed}`" + (f"; {shapers}" if shapers else "")
         words = f"{row.words} minus flange position" if row.from_flange else row.words
         scaled = f"[{scaled_low:g}, 1]"
-        rows.append((str(place) if always else "then", words, unit, f"{low:g}", f"{high:g}", scaled, argument))
+        rows.append((str(place) if always else "then", words, unit_of(row), f"{low:g}", f"{high:g}", scaled, argument))
     rows.insert(-6, ("then", "earlier readings of force and displacement", "", "", "", "", "only with `past_readings`"))
     return rows
 

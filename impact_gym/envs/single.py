@@ -66,13 +66,13 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     `privileged=True` appends numbers for a critic: the object's true mass, contact stiffness, restitution and distance,
     the reaction delay, and all numbers in the second table of Starting State that are drawn per episode. If `alarm` is
-    "reading", `privileged=True` also appends the time since a switch would have raised the alarm.
+    "reading", it also appends the time since a switch would have raised the alarm.
 
     OBSERVATION_TABLE
 
     A step lasts one control period, 16 ms. It ends earlier when the alarm reaches the controller, or when the episode
     ends. The alarm reaches the controller `reaction_delay` after the contact force first exceeds `alarm_threshold`, and
-    stays on. The alarm comes from a switch, so noise and bias of the force readings do not affect the alarm.
+    stays on. Noise and bias of the force readings do not affect it.
 
     With `alarm="reading"` there is no switch. Each force reading is then the largest force since the previous reading,
     with noise and bias. A reading above `alarm_threshold` raises the alarm for 0.15 s (`after_alarm`). A later reading
@@ -93,17 +93,18 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     `missed_cost` and `force_weight` is 0, the return lies in [-time_weight * horizon - missed_cost, 0].
 
     ## Starting State
-    Flange, tool and object are at rest. The flange is at position 0. The coupling is relaxed, but a bistable coupling
+    Flange, tool and object are at rest, the flange at position 0. The coupling is relaxed, but a bistable coupling
     rests on its front stop. Each episode takes eleven uniform random numbers from `np_random`. These numbers determine
     the scenario:
 
     SCENARIO_TABLE
 
-    The eleven numbers also determine the time weight (log-uniform), the reaction delay (uniform), the error of the
-    distance estimate (normal), and the error of all force readings (normal). Arguments can fix these four
-    numbers, and do so by default. The last of the eleven numbers determines the seed of all other random numbers.
+    They also determine the time weight (log-uniform), the reaction delay (uniform), the error of the distance estimate
+    (normal), and the error of all force readings (normal). Arguments fix these four by default. The last of the eleven
+    numbers determines the seed of all other random numbers.
 
-    Each number in the next table may be a pair (low, high). Every episode then draws the number between low and high:
+    Each number in the next table may be a pair (low, high). Every episode then draws the number between low and high,
+    log-uniformly if it is observed as log and low is not 0, else uniformly:
 
     SET_UP_TABLE
 
@@ -155,8 +156,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
       factor of the slow motion. `impact_gym.render.film.SlowMotionVideo` writes a film of 6 to 10 s.
     - "rgb_array" gives one picture at the end of each step. From these pictures Gymnasium's `RecordVideo` makes a film
       with a constant slow-motion factor, set by `render_fps` in the metadata. In a batch of at most 16 environments,
-      `render` returns a picture of each environment. Gymnasium's `RecordVideo` for vector environments shows these
-      pictures side by side.
+      `render` returns a picture of each. Gymnasium's `RecordVideo` for vector environments shows them side by side.
 
     ## Version History
     * v0: first version; it may still change until version 0.1.0 of the package is released
