@@ -60,8 +60,9 @@ def from_urdf(
         ImportError: MuJoCo is not installed.
 
     Warns:
-        UserWarning: a link that the arm moves has inertia but no mass, so its inertia is left out; a joint outside
-            the arm mimics a joint of the arm, but is held at zero; a joint has limits beyond 10 rad or 10 m.
+        UserWarning: a joint of the arm moves a link without mass; a link that the arm moves has inertia but no mass, so
+            its inertia is left out; a joint outside the arm mimics a joint of the arm, but is held at zero; a joint has
+            limits beyond 10 rad or 10 m.
     """
     choice("inertia", inertia, ("given", "balanced"))
     one_of("path", path, str, Path)

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from impact_gym.couplings import SpringDamper
 from impact_gym.motion import Motion, Trapezoid
 from impact_gym.physics.dissipation import damping_factor
 from impact_gym.robot.approach import Approach, Array
@@ -53,7 +52,7 @@ def simulate(
     Args:
         arm: the arm that `approach` describes.
         approach: the line, and the motors' angles along it.
-        scene: a scene without robot, friction, "fixed" dissipation or stroke; the contact's two exponents are equal.
+        scene: a scene without robot, friction or "fixed" dissipation; the contact's two exponents are equal.
         motion: motion of the motors along the line.
         duration: length of the run, s.
         gravity: whether gravity acts and, at the start, deflects the joints.
@@ -75,9 +74,8 @@ def simulate(
     number("rtol", rtol, "-", at_least=1e-12, at_most=1e-3)
     number("most_evaluations", most_evaluations, "-", at_least=1)
     law, distance = scene.contact, scene.object.distance
-    stroke = isinstance(scene.coupling, SpringDamper) and scene.coupling.stroke
-    if scene.robot is not None or scene.object.friction or law.reference_velocity or stroke:
-        raise ValueError('leave out scene.robot, object.friction, dissipation "fixed" and coupling.stroke with an arm')
+    if scene.robot is not None or scene.object.friction or law.reference_velocity:
+        raise ValueError('leave out scene.robot, object.friction and dissipation "fixed" with an arm')
     if law.stiffness_exponent != law.damping_exponent:
         raise ValueError("contact.damping_exponent must equal contact.stiffness_exponent with an arm")
     if not distance <= approach.position[-1]:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from impact_gym.robot.approach import Approach, Array
-from impact_gym.robot.bodies import Body, specification
+from impact_gym.robot.bodies import NO_INERTIA, Body, specification
 from impact_gym.support.validation import number, numbers
 
 TOLERANCE = 1e-10  # m and rad, largest error of a pose found by `joint_angles`
@@ -27,6 +27,7 @@ MAX_CONDITION = 30.0
 
 At 30, a small displacement of the flange needs a large rotation of the joints. The held mass (see `Arm.reduction`) of
 the paper's arm is then some 100 kg, more than three times the mass of the robot: eq. 11-16 no longer hold."""
+SINGULAR = 1e-12  # the mass matrix, scaled to a diagonal of ones, is singular if an eigenvalue is below this
 SOFTEST, STIFFEST = 1.0, 1e8  # N/m, least and largest stiffness along a line; outside them a unit is probably wrong
 
 
@@ -42,10 +43,14 @@ class Arm:
         self.joints, self.units, lower, upper, *_ = zip(*bodies, strict=True)
         self.lower, self.upper, self.count = np.array(lower), np.array(upper), len(bodies)
         self.holds_orientation = self.count >= 6  # with fewer joints only the position of the flange is prescribed
+        self._massless = [repr(next(iter(body.links))) for body in bodies if not body.inertia.any()]
         self._compile(self._specification)
+        self.mass_matrix(self._somewhere[0])  # refuses an arm of which a part without mass can move alone
 
     def _compile(self, specification: Any) -> None:
         self._model = specification.compile()
+        for given in (self._model.body_mass, self._model.body_inertia):
+            given[given <= NO_INERTIA] = 0.0
         self._data = self._mujoco.MjData(self._model)
         self._tip = self._model.body("tip").id
 
@@ -92,9 +97,13 @@ class Arm:
     @cached_property
     def rank(self) -> int:
         """Rank of `held_rows` away from singularities; for a planar arm it is below the number of rows."""
+        return max(int((sizes > 1e-9 * sizes[0]).sum()) for sizes in map(self._singular_values, self._somewhere))
+
+    @property
+    def _somewhere(self) -> Array:
+        """Random joint angles, (8, n): what holds at all of them holds nearly everywhere."""
         low, high = np.clip([self.lower, self.upper], -3.0, 3.0)
-        somewhere = np.random.default_rng(0).uniform(low, np.maximum(high, low), (8, self.count))
-        return max(int((sizes > 1e-9 * sizes[0]).sum()) for sizes in map(self._singular_values, somewhere))
+        return np.random.default_rng(0).uniform(low, np.maximum(high, low), (8, self.count))
 
     def _singular_values(self, angles: ArrayLike) -> Array:
         rows = self.held_rows(angles)
@@ -117,13 +126,27 @@ class Arm:
             )
 
     def mass_matrix(self, angles: ArrayLike) -> Array:
-        """Return the mass matrix M_q(q), kg m^2, (n, n) (paper, eq. 11)."""
+        """Return the mass matrix M_q(q), kg m^2, (n, n) (paper, eq. 11).
+
+        Raises:
+            ValueError: joints can move without moving any mass, so that the matrix is singular.
+        """
         self._place(angles)
         self._mujoco.mj_crb(self._model, self._data)
         matrix = np.empty((self.count, self.count))
         for row, unit in zip(matrix, np.eye(self.count), strict=True):
             self._mujoco.mj_mulM(self._model, self._data, row, unit)
-        return np.asarray((matrix + matrix.T) / 2)  # rounding makes `matrix` not quite symmetric
+        matrix = (matrix + matrix.T) / 2  # rounding makes `matrix` not quite symmetric
+        if self._massless:
+            scale = np.sqrt(np.where(np.diag(matrix) > 0.0, np.diag(matrix), 1.0))
+            sizes, modes = np.linalg.eigh(matrix / np.outer(scale, scale))
+            if (loose := np.abs(modes[:, sizes < SINGULAR]).max(axis=1, initial=0.0) > 0.01).any():
+                named = " and ".join(repr(self.joints[k]) for k in np.flatnonzero(loose))
+                raise ValueError(
+                    f"joint {named} can move without moving any mass: give mass and inertia (an element <inertial>)"
+                    f" to link {', '.join(self._massless)}"
+                )
+        return np.asarray(matrix)
 
     def move(self, angles: Array, rates: Array) -> tuple[Array, Array]:
         """Set joint angles and rates without checks; return the flange's position and the first three rows of J(q)."""

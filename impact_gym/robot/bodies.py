@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from impact_gym.robot.approach import Array
 
 LEAST_MASS, LEAST_INERTIA = 1e-9, 1e-15  # kg and kg m^2, least mass and least principal moment of inertia of a body
+NO_INERTIA = 1e-15  # kg and kg m^2, for a body without mass: MuJoCo compiles nothing less, then `Arm` sets it to 0
 LARGEST_GYRATION = 3.0  # m; if a radius of gyration exceeds this and the arm's reach, inertia is probably in kg mm^2
 ROUNDING = 1e-6  # a moment of inertia may exceed the sum of the two others by this fraction, as files are rounded
 
@@ -24,6 +25,11 @@ class Body(NamedTuple):
     place: Array  # pose of the joint in the frame of the previous body, a homogeneous matrix (4, 4)
     axis: Array  # axis of the joint, of length 1, (3,)
     links: dict[str, Array]  # pseudo-inertia of each link in the joint's frame, (4, 4), see `urdf`
+
+    @property
+    def inertia(self) -> Array:
+        """Pseudo-inertia of all links together, (4, 4); all zero: no link has mass."""
+        return np.asarray(np.sum(list(self.links.values()), axis=0))
 
 
 def specification(bodies: Sequence[Body], tip: Array, balanced: bool) -> tuple[Any, Any]:
@@ -47,7 +53,9 @@ def specification(bodies: Sequence[Body], tip: Array, balanced: bool) -> tuple[A
 
 def _inertia(body: Body, reach: float, balanced: bool) -> dict[str, Any]:
     """Return a body's mass and inertia as arguments of MuJoCo's `add_body`; `reach` (m): the stretched arm's length."""
-    total = np.sum(list(body.links.values()), axis=0)  # only the sum is checked, as a link may have no mass or inertia
+    total = body.inertia  # only the sum is checked, as a link may have no mass or inertia
+    if not total.any():
+        return {"mass": NO_INERTIA, "inertia": np.full(3, NO_INERTIA), "explicitinertial": True}
     mass, centre = float(total[3, 3]), total[:3, 3] / max(total[3, 3], LEAST_MASS)
     if not mass >= LEAST_MASS:
         raise ValueError(

@@ -11,7 +11,6 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.optimize import fsolve
 
-from impact_gym.couplings import Bistable
 from impact_gym.motion import Motion, Trapezoid
 from impact_gym.parameters import SI, Parameters
 from impact_gym.robot.approach import Approach, Array
@@ -176,8 +175,8 @@ class Equations:
             mass, closing = 1.0 / (1.0 / self.m_t + 1.0 / self.m_p), max(abs(self.penetration(y)[1]), 1e-3)
             depth = (mass * closing**2 / law.stiffness) ** (1.0 / (law.stiffness_exponent + 1.0))
             longest = min(longest, depth / closing)
-        elif isinstance(self.scene.coupling, Bistable):
-            longest = min(longest, 2.0 * math.sqrt(self.m_t / self.scene.coupling.stop_stiffness))
+        elif not self.rigid:
+            longest = min(longest, 2.0 * self.scene.coupling.stop_time(self.m_t))
         # LSODA restarts too slowly at each sample of a servo, and oscillates if the joints are stiff
         method = "DOP853" if self.servo else "Radau" if self.stiff else "LSODA"
         return solve_ivp(

@@ -3,7 +3,8 @@
 Joints outside the arm, such as those of a gripper, are held at zero. The inertia of links that the arm does not move
 is not read. Meshes, colours and transmissions are ignored.
 
-MuJoCo's own URDF reader is not used: it needs the mesh files, and ignores mimic joints without a warning.
+MuJoCo's own URDF reader is not used: it refuses point masses and welded links without a possible inertia, and accepts
+mimic joints, missing limits, two joints of one name, infinite positions and xacro elements without a warning.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -67,6 +68,10 @@ def read(content: bytes, base: str, tip: str, remarks: list[str]) -> tuple[list[
         places[joint.child] = body, place
         if body:
             body.links[joint.child] = place @ _inertia(links[joint.child], remarks) @ place.T
+    remarks.extend(
+        f"link {next(iter(body.links))!r}, which joint {body.joint!r} moves, has no mass"
+        for body in bodies if not body.inertia.any()
+    )  # fmt: skip
     return bodies, places[tip][1]
 
 
@@ -97,9 +102,11 @@ def _parsed(content: bytes) -> Element:
         raise ValueError(f"it is no XML file: {problem}") from None
     robot: Element = builder.close()
     everything = list(robot.iter())
-    declared = {name[6:] for each in everything for name, to in each.items() if name[:6] == "xmlns:" and "xacro" in to}
-    if {each.tag.partition(":")[0] for each in everything} & {"xacro", *declared}:
-        raise ValueError("it is a xacro file: turn it into a URDF file first")
+    attributes = [pair for each in everything for pair in each.items()]
+    prefixes = {"xacro", *(name[6:] for name, to in attributes if name[:6] == "xmlns:" and "xacro" in to)}
+    xacro = {name for prefix, _, name in (each.tag.partition(":") for each in everything) if prefix in prefixes}
+    if xacro - {"property", "arg"} or (xacro and any("${" in value for _, value in attributes)):
+        raise ValueError("it is a xacro file: turn it into a URDF file first, for example by `xacro FILE > arm.urdf`")
     if robot.tag != "robot":
         raise ValueError(f"its root element is <{robot.tag}>, not <robot>")
     return robot
