@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from impact_gym.robot.approach import Array
+from impact_gym.robot.line_table import Array
 
 LEAST_MASS, LEAST_INERTIA = 1e-9, 1e-15  # kg and kg m^2, least mass and least principal moment of inertia of a body
-NO_INERTIA = 1e-15  # kg and kg m^2, for a body without mass: MuJoCo compiles nothing less, then `Arm` sets it to 0
+NO_INERTIA = 1e-15  # kg and kg m^2, for a body without mass: MuJoCo compiles nothing less, `Arm` then sets 0
 LARGEST_GYRATION = 3.0  # m; if a radius of gyration exceeds this and the arm's reach, inertia is probably in kg mm^2
 ROUNDING = 1e-6  # a moment of inertia may exceed the sum of the two others by this fraction, as files are rounded
 
@@ -22,7 +22,7 @@ class Body(NamedTuple):
     unit: str  # of the joint's position, rad or m
     low: float  # lower limit of the joint's position
     high: float  # upper limit of the joint's position
-    place: Array  # pose of the joint in the frame of the previous body, a homogeneous matrix (4, 4)
+    pose: Array  # pose of the joint in the frame of the previous body, a homogeneous matrix (4, 4)
     axis: Array  # axis of the joint, of length 1, (3,)
     links: dict[str, Array]  # pseudo-inertia of each link in the joint's frame, (4, 4), see `urdf`
 
@@ -40,12 +40,12 @@ def specification(bodies: Sequence[Body], tip: Array, balanced: bool) -> tuple[A
         raise ImportError(
             "computing a robot needs MuJoCo: pip install 'impact-gym[robot]' (default_approach() works without it)"
         ) from missing
-    reach = sum(float(np.linalg.norm(place[:3, 3])) for place in (*(body.place for body in bodies), tip))
+    reach = sum(float(np.linalg.norm(pose[:3, 3])) for pose in (*(body.pose for body in bodies), tip))
     made, kinds = mujoco.MjSpec(), mujoco.mjtJoint
     last = made.worldbody
     for body in bodies:
         inertia = _inertia(body, reach, balanced)
-        last = last.add_body(pos=body.place[:3, 3], quat=_quaternion(body.place), **inertia)
+        last = last.add_body(pos=body.pose[:3, 3], quat=_quaternion(body.pose), **inertia)
         last.add_joint(axis=body.axis, type=kinds.mjJNT_SLIDE if body.unit == "m" else kinds.mjJNT_HINGE)
     last.add_body(name="tip", pos=tip[:3, 3], quat=_quaternion(tip))
     return mujoco, made
@@ -82,6 +82,6 @@ def _inertia(body: Body, reach: float, balanced: bool) -> dict[str, Any]:
     return {"mass": mass, "ipos": centre, "iquat": turn, "inertia": moments, "explicitinertial": True}
 
 
-def _quaternion(place: Array) -> Array:
+def _quaternion(pose: Array) -> Array:
     """Return the quaternion of a rotation or a pose, the real part first."""
-    return np.roll(Rotation.from_matrix(place[:3, :3]).as_quat(), 1)
+    return np.roll(Rotation.from_matrix(pose[:3, :3]).as_quat(), 1)
