@@ -1,12 +1,7 @@
 """Estimate numbers of a scene from logs of blows (collisions of tool and object).
 
-    `log`, `sensor`   read and check a log; compute the response of a sensor
-    `model`           simulate a log; compute the residuals and their derivatives
-    `search`, `fit`   find the best fit and the confidence intervals
-    `result`          estimates, intervals, and sentences on what the log does not determine
-    `held_out`        fit each half of the logs; predict the other half
-
-`impact_gym.identify` is the function, but `from impact_gym.identify import ...` imports from this package.
+A log is read and checked in `log`, and simulated through its `sensor` in `model`. `search` and `fit` find the best fit
+and the confidence intervals, `result` puts them into words. `held_out` predicts logs that were not fitted.
 """
 
 from collections.abc import Iterable, Mapping, Sequence

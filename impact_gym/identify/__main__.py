@@ -63,7 +63,7 @@ and of peak force, impulse and duration (from force). It also prints how much bl
 With --out setup.toml, the measured and predicted values are also written to setup.held-out.csv.
 """
 
-PLACES = {row.path: f"scenario.{row.id}" for row in SCENARIO} | {row.path: row.id for row in SET_UP if row.path}
+SET_UP_PATHS = {row.path: f"scenario.{row.id}" for row in SCENARIO} | {row.path: row.id for row in SET_UP if row.path}
 """For each dotted path in a scene, except the equal paths in coupling and robot, the path in `[environment]`."""
 
 
@@ -115,15 +115,15 @@ def parse(
         if not isinstance(content.get(name), Mapping):
             raise ValueError(f"the scene's file must have a table [{name}], got {shown(content.get(name))}")
     for name in free:
-        if name not in PLACES and not name.startswith(("coupling.", "robot.")):
-            raise ValueError(f"free: {name} cannot be fitted; use {', '.join(PLACES)}, coupling.*, robot.*")
+        if name not in SET_UP_PATHS and not name.startswith(("coupling.", "robot.")):
+            raise ValueError(f"free: {name} cannot be fitted; use {', '.join(SET_UP_PATHS)}, coupling.*, robot.*")
     task = Task.of("environment", content["environment"])
-    paths = {place.removeprefix("scenario."): path for path, place in PLACES.items()}
+    paths = {written.removeprefix("scenario."): path for path, written in SET_UP_PATHS.items()}
     for name, (low, high) in task.ranges.items():
         path = paths.get(name, name)
-        if low < high and path not in free and (path in PLACES or path.startswith(("coupling.", "robot."))):
-            place = f"environment.{PLACES.get(path, path)}"
-            raise ValueError(f"{place} must be a number, not a range, got {low:g} to {high:g}")
+        if low < high and path not in free and (path in SET_UP_PATHS or path.startswith(("coupling.", "robot."))):
+            written = f"environment.{SET_UP_PATHS.get(path, path)}"
+            raise ValueError(f"{written} must be a number, not a range, got {low:g} to {high:g}")
     middles = (QUANTITIES[name].middle(*ends) for name, ends in task.scenario.by_id().items())
     mass, stiffness, restitution, distance = middles
     contact = Contact(stiffness, restitution, task.dissipation)  # type: ignore[arg-type]  # checked by the task
@@ -156,7 +156,7 @@ def set_up(content: Mapping[str, Any], result: Identified, said: str) -> Iterato
     if not isinstance(environment.get("scenario", {}), Mapping):
         environment["scenario"] = {}
     for name, (low, high) in result.interval.items():
-        *tables, key = PLACES.get(name, name).split(".")
+        *tables, key = SET_UP_PATHS.get(name, name).split(".")
         table = environment.setdefault(tables[0], {}) if tables else environment
         if low and high and isfinite(high - low):
             table[key] = [low, high]

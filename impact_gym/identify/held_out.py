@@ -60,8 +60,7 @@ class HeldOut:
 
     def csv(self) -> str:
         """Return the predictions as CSV, a row for each blow and quantity."""
-        text = io.StringIO()
-        table = csv.writer(text, lineterminator="\n")
+        table = csv.writer(text := io.StringIO(), lineterminator="\n")
         table.writerow(["log", "quantity", "unit", "measured", "predicted", "equal blows"])
         table.writerows([log, quantity, UNITS[quantity], *values] for log, quantity, *values in self.predictions)
         return text.getvalue()
@@ -77,8 +76,7 @@ def hold_out(
         TypeError, ValueError: as in `identify`; also if there are fewer than two logs, if the logs have different
             columns, or if they have neither `object_velocity` nor `force`.
     """
-    count = len(log) if isinstance(log, (list, tuple)) else 1
-    if count < 2:
+    if (count := len(log) if isinstance(log, (list, tuple)) else 1) < 2:
         raise ValueError(f"hold-out needs 2 logs or more, got {count}")
     logs = [read(source, f"log {k + 1}") for k, source in enumerate(log)]
     columns = logs[0].columns.keys()

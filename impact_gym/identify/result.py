@@ -61,18 +61,12 @@ class Identified:
         biases, residuals = model.biases(fit.x), -model.residuals(fit.x) * model.scales()
         slots = [{name: model.slots[k, name] for name in log.columns} for k, log in enumerate(model.logs)]
         return cls(
-            estimate={number.name: number.number(u) for number, u in zip(free, fit.x, strict=False)},
-            interval=interval,
-            correlation=correlation,
-            scene=model.scene_at(fit.x),
-            indistinguishable=tuple(_words(fit.model.scene, interval, correlation)),
-            warnings=doubts,
-            start=tuple(fit.x[len(free) : len(free) + len(model.logs)].tolist()),
-            noise=dict(model.noise),
+            {number.name: number.number(u) for number, u in zip(free, fit.x, strict=False)}, interval, correlation,
+            model.scene_at(fit.x), tuple(_words(model.scene, interval, correlation)), doubts,
+            start=tuple(fit.x[len(free) : len(free) + len(model.logs)].tolist()), noise=dict(model.noise),
             bias=tuple({name: float(biases[slot.start]) for name, slot in log.items()} for log in slots),
-            residuals=tuple({name: residuals[slot] for name, slot in log.items()} for log in slots),
-            fit=fit,
-        )
+            residuals=tuple({name: residuals[slot] for name, slot in log.items()} for log in slots), fit=fit,
+        )  # fmt: skip
 
     def plot(self) -> Any:
         """Return a Matplotlib figure: for each log and column, measured and fitted values, and residual / noise."""
