@@ -59,10 +59,6 @@ def simulate(
         servo: the servo by which the motors follow the line; None: the motors follow the line exactly.
         rtol: relative tolerance of the integration, 1e-12 to 1e-3.
         most_evaluations: number of evaluations of the equations after which the run ends early.
-
-    Raises:
-        TypeError, ValueError: the scene has something that is not modelled here, the line ends before the object, or
-            another argument is invalid.
     """
     for field, value, kinds in (
         ("arm", arm, (Arm,)), ("line", line, (LineTable,)), ("scene", scene, (Scene,)),

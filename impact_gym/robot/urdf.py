@@ -42,8 +42,7 @@ class Joint(NamedTuple):
 
 def read(content: bytes, base: str, tip: str, remarks: list[str]) -> tuple[list[Body], Array]:
     """Return bodies from `base` to `tip`, and the pose (4, 4) of `tip` in the last body; add warnings to `remarks`."""
-    robot = _parsed(content)
-    links = _named(robot, "link")
+    links = _named(robot := _parsed(content), "link")
     joints = _downwards(links, _named(robot, "joint"))
     way = _way(links, joints, base, tip)
     chain = {joint.name for joint in way if joint.kind != "fixed"}
@@ -57,8 +56,8 @@ def read(content: bytes, base: str, tip: str, remarks: list[str]) -> tuple[list[
         if not body and joint not in way:
             continue  # this joint's links do not move with the arm
         if joint.kind not in (*UNITS, "fixed"):
-            kinds = f"{joint.kind or 'of no type'}, allowed are {', '.join(UNITS)} and fixed"
-            raise ValueError(f"joint {joint.name!r} is {kinds}")
+            allowed = f"allowed are {', '.join(UNITS)} and fixed"
+            raise ValueError(f"joint {joint.name!r} is {joint.kind or 'of no type'}, {allowed}")
         pose = pose @ _pose(joint.name, joint.element)
         if joint.name in chain:
             body, pose = Body(joint.name, *_limits(joint, remarks), pose, _axis(joint), {}), np.eye(4)
@@ -68,10 +67,8 @@ def read(content: bytes, base: str, tip: str, remarks: list[str]) -> tuple[list[
         poses[joint.child] = body, pose
         if body:
             body.links[joint.child] = pose @ _inertia(links[joint.child], remarks) @ pose.T
-    remarks.extend(
-        f"link {next(iter(body.links))!r}, which joint {body.joint!r} moves, has no mass"
-        for body in bodies if not body.inertia.any()
-    )  # fmt: skip
+    empty = [body for body in bodies if not body.inertia.any()]
+    remarks += [f"link {next(iter(body.links))!r}, which joint {body.joint!r} moves, has no mass" for body in empty]
     return bodies, poses[tip][1]
 
 
@@ -122,10 +119,9 @@ def _named(robot: Element, kind: str) -> dict[str, Element]:
     return named
 
 
-def _only(parent: Element | None, tag: str, name: str) -> Element | None:
+def _only(parent: Element, tag: str, name: str) -> Element | None:
     """Return the only child of `parent` with this tag, or None; `name` is the parent's name in messages."""
-    found = [] if parent is None else parent.findall(tag)
-    if parent is not None and len(found) > 1:
+    if len(found := parent.findall(tag)) > 1:
         raise ValueError(f"{parent.tag} {name!r} has {len(found)} elements <{tag}>, allowed is one")
     return found[0] if found else None
 
@@ -180,13 +176,12 @@ def _pose(name: str, of: Element) -> Array:
 
 
 def _limits(joint: Joint, remarks: list[str]) -> tuple[str, float, float]:
-    name, limit = joint.name, _only(joint.element, "limit", joint.name)
+    name, unit = joint.name, UNITS[joint.kind]
     if joint.mimics is not None:
         raise ValueError(f"joint {name!r} mimics another joint, which is not allowed between base and tip")
-    unit = UNITS[joint.kind]
     if joint.kind == "continuous":
         return unit, -np.inf, np.inf
-    if limit is None:
+    if (limit := _only(joint.element, "limit", name)) is None:
         raise ValueError(f"joint {name!r} must have limits, in {unit}")
     low, high = (_numbers(f"{side} limit of {name}", limit, side, unit, "0", np.inf)[0] for side in ("lower", "upper"))
     if not low < high:
@@ -197,8 +192,7 @@ def _limits(joint: Joint, remarks: list[str]) -> tuple[str, float, float]:
 
 
 def _axis(joint: Joint) -> Array:
-    axis = _only(joint.element, "axis", joint.name)
-    if axis is not None and axis.get("xyz") is None:
+    if (axis := _only(joint.element, "axis", joint.name)) is not None and axis.get("xyz") is None:
         raise ValueError(f"axis of {joint.name} has no xyz")
     along = np.array(_numbers(f"axis of {joint.name}", axis, "xyz", "-", "1 0 0", MOST_INERTIA))
     if not (length := np.linalg.norm(along)) > 0.0:
