@@ -54,13 +54,12 @@ guess for each number to fit. For each other number give its value during the me
     noise = 0.2                                          # standard deviation, in the column's unit
     cell = { mass = 0.02, frequency = 5000.0 }           # only for a load cell: kg and Hz, optional damping_ratio
 
-the output: the set-up with the 95 % intervals as ranges, without [motion] and [sensor]. If an interval begins at 0
-or ends at infinity, the set-up keeps your guess of this number, and a comment says so.
+the output: the set-up without [motion] and [sensor]. If an interval begins at 0 or ends at infinity, the set-up keeps
+your guess of this number, and a comment says so.
 
---hold-out tests predictions. The command fits the numbers to every second log and predicts the other logs.
-Then it swaps the two halves of the logs. It prints the errors of the object's final velocity V_p (from object_velocity)
-and of peak force, impulse and duration (from force). It also prints how much blows with the same motion differ.
-With --out setup.toml, the measured and predicted values are also written to setup.held-out.csv.
+--hold-out fits every second log and predicts the other logs, then swaps the two halves. It prints the errors of the
+object's final velocity V_p, peak force, impulse and duration, and how much blows with the same motion differ. With
+--out setup.toml, the measured and predicted values are also written to setup.held-out.csv.
 """
 
 SET_UP_PATHS = {row.path: f"scenario.{row.id}" for row in SCENARIO} | {row.path: row.id for row in SET_UP if row.path}
@@ -98,8 +97,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(said if options.out else text)
         if options.out:
             write_file(options.out, text)
-        if options.out and held_out:
-            write_file(options.out.with_suffix(".held-out.csv"), held_out.csv())
+            if held_out:
+                write_file(options.out.with_suffix(".held-out.csv"), held_out.csv())
         if options.plot:
             with whole_file(options.plot) as file:
                 result.plot().savefig(file, format=options.plot.suffix[1:] or None)
@@ -130,9 +129,8 @@ def parse(
     scene = Scene(Tool(task.tool_mass), Object(mass, distance, task.friction), contact, task.coupling, task.robot)
     motion, sensors = content["motion"], content.get("sensor", {})
     one_of("sensor", sensors, Mapping)
-    tables = [motion] * count
-    if isinstance(speeds := motion.get("speed"), list):
-        tables = [{**motion, "speed": speed} for speed in numbers("motion.speed", speeds, "m/s")]
+    listed = isinstance(speeds := motion.get("speed"), list)
+    tables = [{**motion, "speed": v} for v in numbers("motion.speed", speeds, "m/s")] if listed else [motion] * count
     if len(tables) != count:
         raise ValueError(f"motion.speed must be a number in m/s, or one for each of {count} logs, got {shown(speeds)}")
     motions = [_record("motion", table, Trapezoid, brake=Brake) for table in tables]

@@ -1,7 +1,7 @@
 """Find the best fit from several starting points, and the interval of each free number by its profile likelihood.
 
-The misfit of a fit is the sum of ((predicted - measured) / noise)^2 over all samples. `intervals` moves one number at
-a time away from its best value and fits all others again. (MINOS of iminuit 2.33 missed 36 of 360 interval ends.)
+The misfit is the sum of ((predicted - measured) / noise)^2. `intervals` moves one number at a time away from its best
+value and fits all others again. (MINOS of iminuit 2.33 missed 36 of 360 interval ends.)
 """
 
 import math

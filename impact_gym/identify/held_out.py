@@ -73,8 +73,7 @@ def hold_out(
     """Fit every second log and predict the other logs, then swap the halves; for the arguments see `identify`.
 
     Raises:
-        TypeError, ValueError: as in `identify`; also if there are fewer than two logs, if the logs have different
-            columns, or if they have neither `object_velocity` nor `force`.
+        TypeError, ValueError: as in `identify`; also if there are fewer than two logs, or logs with different columns.
     """
     if (count := len(log) if isinstance(log, (list, tuple)) else 1) < 2:
         raise ValueError(f"hold-out needs 2 logs or more, got {count}")
@@ -100,7 +99,7 @@ def hold_out(
 
 
 def _predicted(log: Log, motion: Trapezoid, fit: Identified) -> Log:
-    """Return a log with the readings that `fit` predicts; only start and biases are fitted to `log`."""
+    """Return a log of predicted readings; only start and biases are fitted to `log`."""
     model = Model([log], fit.scene, [motion], fit.fit.model.sensors, ())
     x = descend(model, start_at(model, np.empty(0), 0.5).x).x
     samples = model.predicted(x)[0] + model.biases(x)

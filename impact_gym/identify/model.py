@@ -67,7 +67,7 @@ class Coordinate:
         return float(side > 0) if self.name == RESTITUTION else self.sign * (math.inf if side > 0 else 0.0)
 
     def start(self, scene: Scene) -> float:
-        """Return the coordinate of the number in `scene`, or the middle of `reach` if that coordinate is outside."""
+        """Return the coordinate of the number in `scene`, or if it is outside `reach`, the middle of `reach`."""
         size, (low, high) = abs(get(scene, self.name)), self.reach
         inside = size > 0.0 and low <= self.coordinate(size) <= high
         return self.coordinate(size) if inside else (low + high) / 2.0
@@ -86,12 +86,11 @@ def free_coordinates(scene: Scene, free: Iterable[str]) -> tuple[Coordinate, ...
             near = get_close_matches(str(name), known, 1)
             hint = f"; did you mean {near[0]!r}?" if near else ""
             raise ValueError(f"free: the scene has no number {name!r}{hint}; it has {', '.join(known)}")
-        value = get(scene, name)
-        if value == 0.0:
+        if (value := get(scene, name)) == 0.0:
             raise ValueError(f"free: {name} must not be 0 in the scene, as the search uses its logarithm: give a guess")
         searched = SEARCHED.get(name, (abs(value) / SEARCH_FACTOR, abs(value) * SEARCH_FACTOR))
-        light = name == MASS and scene.coupling.oscillator(scene.tool.mass)  # a heavy tool on its spring never rests
-        wall = WALL * scene.tool.mass if light else math.inf
+        on_spring = name == MASS and scene.coupling.oscillator(scene.tool.mass)
+        wall = WALL * scene.tool.mass if on_spring else math.inf
         coordinates.append(Coordinate(name, math.copysign(1.0, value), searched, wall))
     return tuple(coordinates)
 
@@ -161,9 +160,8 @@ class Model:
         sensor = self.sensors[name]
         if name == "tool_acceleration":
             values = tool_acceleration(scene, trace)
-        elif name == "object_acceleration":
+        elif name == "object_acceleration":  # an object at rest stays at rest until the force exceeds friction
             values = trace.contact_force / scene.object.mass - (scene.object.friction or 0.0) * GRAVITY
-            # an object at rest stays at rest until the force exceeds friction
             values = np.where(trace.object_velocity > 0.0, values, np.maximum(values, 0.0))
         else:
             values = getattr(trace, "contact_force" if name == "force" else name)

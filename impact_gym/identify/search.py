@@ -1,7 +1,7 @@
-"""Choose starting points of a fit, run least squares from several of them, and stop the worst fits early.
+"""Choose starting points x of a fit, run least squares from several of them, and stop the worst fits early.
 
-A starting point is a vector x, see `model`. Its free numbers come from the given scene, from a measured blow (impulse
-and width), or from a Latin hypercube over the searched ranges. Its start times and biases minimize the misfit.
+The free numbers of a starting point come from the given scene, from a measured blow (impulse and width), or from a
+Latin hypercube over the searched ranges. Its start times and biases minimize the misfit.
 """
 
 import math
@@ -179,10 +179,9 @@ def descend(
 
 
 def race(model: Model, starts: Sequence[Array]) -> list[Point]:
-    """Fit roughly from all `starts`; return the distinct fits that remain, the best first.
+    """Fit roughly from all `starts`, in rounds of a few steps; return the distinct fits that remain, the best first.
 
-    Each round runs a few steps of least squares, and then compares the fits. Of nearly equal fits only the best is
-    kept. A fit that has not converged is dropped if it is clearly worse than the best fit and hardly improved.
+    A fit that has not converged is dropped if it is clearly worse than the best fit and hardly improved in a round.
     """
     points = [Point(math.inf, x, is_minimum=False) for x in starts]
     for _ in range(ROUNDS):

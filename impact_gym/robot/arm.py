@@ -22,10 +22,7 @@ LARGEST_TURN = 0.2  # rad or m, largest change of a joint in a step of `joint_an
 SPACING, LONGEST = 0.0025, 4.0  # m, largest distance between rows that `along` chooses; largest length of a line
 
 MAX_CONDITION = 30.0
-"""Largest allowed `Arm.condition`.
-
-At 30, a small displacement of the flange needs a large rotation of the joints. The held mass (see `Arm.reduction`) of
-the paper's arm is then some 100 kg, more than three times the mass of the robot: eq. 11-16 no longer hold."""
+"""Largest allowed `Arm.condition`; there the held mass of the paper's arm is some 100 kg, three times its weight."""
 SINGULAR = 1e-12  # the mass matrix, scaled to a diagonal of ones, is singular if an eigenvalue is below this
 SOFTEST, STIFFEST = 1.0, 1e8  # N/m, least and largest stiffness along a line; outside them a unit is probably wrong
 
@@ -115,8 +112,7 @@ class Arm:
 
     def check_condition(self, angles: Array, where: str) -> None:
         """Raise ValueError if the arm is too near a singularity at `angles`; `where` begins the message."""
-        condition = self.condition(angles)
-        if not condition <= MAX_CONDITION:
+        if not (condition := self.condition(angles)) <= MAX_CONDITION:
             far = np.argmax(np.abs(np.linalg.svd(self.held_rows(angles))[2][self.rank - 1]))
             raise ValueError(
                 f"{where} is too near a singularity: with the joints at {np.array2string(angles, precision=4)} the"

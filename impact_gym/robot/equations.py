@@ -114,8 +114,7 @@ class Equations:
     def sample(self, t: float, y: Array) -> Array:
         """Return the motor torques that the servo computes at time `t` (s) from the state `y`."""
         assert self.servo is not None
-        s, rate, rise = self.path.at(t)
-        q_m, v_m = self.driven(t, y)
+        (s, rate, rise), (q_m, v_m) = self.path.at(t), self.driven(t, y)
         off = self.motors(s) - q_m
         if not (most := np.abs(off).max()) < LOST:
             raise Unfinished(f"the servo does not hold the arm on its line: a motor is {most:.3g} rad or m off")

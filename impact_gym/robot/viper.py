@@ -6,8 +6,7 @@ From other printed numbers we infer the robot's stiffness at the impact, k_r = 1
 0.2505 m (see docs/provenance.md).
 
 With the tool in the plane of the arm (y = 0), m_r and k_r depend only on the position of the wrist centre, because
-links 5 and 6 only translate. `default_line` finds a position with these m_r and k_r. The arm reaches this position on a
-straight line, with every joint at least 15 degrees from its limits. The tool points along the line.
+links 5 and 6 only translate. `default_line` finds a straight line along the tool to a position with these m_r and k_r.
 """
 
 from pathlib import Path
