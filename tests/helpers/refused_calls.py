@@ -25,7 +25,7 @@ from agents.policies.policy import FORMAT
 from experiments.design.options import DesignOptions
 from experiments.play import __main__ as playing
 from experiments.report import __main__ as reports
-from impact_gym.identify.__main__ import parse
+from impact_gym.identification.__main__ import parse
 from impact_gym.robot import all_joints, default_approach
 from impact_gym.sb3 import ImpactVecEnv
 from impact_gym.support.archive import archive_of

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc, fdtrc, ndtri  # scipy.stats would double the import time of this package
 
-from impact_gym.identify.fit import Ends, Fit
-from impact_gym.identify.log import FLAT_SAMPLES, UNITS
-from impact_gym.identify.model import RESTITUTION
-from impact_gym.identify.sensor import Array, runs
+from impact_gym.identification.fit import Ends, Fit
+from impact_gym.identification.log import FLAT_SAMPLES, UNITS
+from impact_gym.identification.model import RESTITUTION
+from impact_gym.identification.sensor import Array, runs
 from impact_gym.quantities import BY_PATH
 from impact_gym.scene import Scene
 from impact_gym.simulation import simulate

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from impact_gym.identify.log import tool_mass
-from impact_gym.identify.model import MASS, RESTITUTION, STIFFNESS, Model
-from impact_gym.identify.sensor import Array, level
+from impact_gym.identification.log import tool_mass
+from impact_gym.identification.model import MASS, RESTITUTION, STIFFNESS, Model
+from impact_gym.identification.sensor import Array, level
 from impact_gym.scene import Scene
 
 SCATTERED = 40  # number of points of the Latin hypercube

@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from impact_gym.identify import FREE, Identified, Sensor, identify, motion_of_each
-from impact_gym.identify.log import Log, read
-from impact_gym.identify.model import Model
-from impact_gym.identify.search import descend, start_at
-from impact_gym.identify.sensor import Array, level, runs
+from impact_gym.identification import FREE, Identified, Sensor, identify, motion_of_each
+from impact_gym.identification.log import Log, read
+from impact_gym.identification.model import Model
+from impact_gym.identification.search import descend, start_at
+from impact_gym.identification.sensor import Array, level, runs
 from impact_gym.motion import Trapezoid
 from impact_gym.scene import Scene
 

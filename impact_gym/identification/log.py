@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_gym.identify.sensor import Array, Sensor, bursts, level, noise_of, runs
+from impact_gym.identification.sensor import Array, Sensor, bursts, level, noise_of, runs
 from impact_gym.motion import Trapezoid
 from impact_gym.scene import Robot, Scene
 from impact_gym.support.csv_files import Column, read_columns

@@ -8,11 +8,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations
 from typing import Any
 
-from impact_gym.identify import log as logs_of
-from impact_gym.identify.fit import fit_with_intervals
-from impact_gym.identify.model import Model, free_coordinates
-from impact_gym.identify.result import Identified
-from impact_gym.identify.sensor import LoadCell, Sensor
+from impact_gym.identification import log as logs_of
+from impact_gym.identification.fit import fit_with_intervals
+from impact_gym.identification.model import Model, free_coordinates
+from impact_gym.identification.result import Identified
+from impact_gym.identification.sensor import LoadCell, Sensor
 from impact_gym.motion import Trapezoid
 from impact_gym.scene import Scene
 from impact_gym.support.dotted_paths import replaced

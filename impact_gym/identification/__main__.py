@@ -10,9 +10,9 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from impact_gym.identify import FREE, Identified, LoadCell, Sensor, identify
-from impact_gym.identify.held_out import hold_out
-from impact_gym.identify.log import read
+from impact_gym.identification import FREE, Identified, LoadCell, Sensor, identify
+from impact_gym.identification.held_out import hold_out
+from impact_gym.identification.log import read
 from impact_gym.motion import Brake, Trapezoid
 from impact_gym.quantities import QUANTITIES, SCENARIO, SET_UP
 from impact_gym.scene import Contact, Object, Scene, Tool

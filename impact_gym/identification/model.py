@@ -11,8 +11,8 @@ from difflib import get_close_matches
 
 import numpy as np
 
-from impact_gym.identify.log import Log
-from impact_gym.identify.sensor import Array, Sensor, bursts, noise_of
+from impact_gym.identification.log import Log
+from impact_gym.identification.sensor import Array, Sensor, bursts, noise_of
 from impact_gym.motion import Trapezoid
 from impact_gym.outcome import Trace
 from impact_gym.physics.impact import GRAVITY

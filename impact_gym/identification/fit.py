@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
-from impact_gym.identify.model import Model
-from impact_gym.identify.search import ROUGH, Point, as_good, descend, distinct, race, scatter
-from impact_gym.identify.sensor import Array, bursts, level
+from impact_gym.identification.model import Model
+from impact_gym.identification.search import ROUGH, Point, as_good, descend, distinct, race, scatter
+from impact_gym.identification.sensor import Array, bursts, level
 
 STARTS = 8  # largest number of points of `scatter` from which a search starts
 NOISE_ROUNDS = 3  # largest number of rounds of `Fit.polished`; each round fits, and then estimates the noise
