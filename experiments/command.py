@@ -29,7 +29,7 @@ COMMANDS: Mapping[str, Mapping[str, Command]] = {
         "export": Command("agents.export", ("train",), "write a controller as C code, and a policy also as ONNX"),
         "policies": Command("experiments.policies", ("report",), "print purpose, failures and results of each policy"),
         "play": Command("experiments.play", ("play",), "steer the tool in the browser, with or without assistance"),
-        "identify": Command("impact_gym.identify", (), "fit mass, stiffness and restitution to measured blows"),
+        "identify": Command("impact_gym.identification", (), "fit mass, stiffness and restitution to measured blows"),
         "design": Command("experiments.design", ("train", "report"), "find the coupling with the lowest V_p"),
     },
     "for data": {

@@ -8,8 +8,8 @@ beside.install()
 from impact_gym import envs, robot
 from impact_gym.advice import advise
 from impact_gym.couplings import Bistable, Rigid, SpringDamper
-from impact_gym.identify import Identified, LoadCell, Sensor, identify
-from impact_gym.identify.held_out import HeldOut, hold_out
+from impact_gym.identification import Identified, LoadCell, Sensor, identify
+from impact_gym.identification.held_out import HeldOut, hold_out
 from impact_gym.motion import Brake, Motion, Trapezoid
 from impact_gym.outcome import ContactRecord, Outcome, Outcomes, Trace
 from impact_gym.physics.dissipation import effective_restitution

@@ -12,8 +12,8 @@ import numpy as np
 
 from impact_gym.motion import Trapezoid
 from impact_gym.outcome import Array
-from impact_gym.robot import Approach, Arm
-from impact_gym.robot.approach import Mass
+from impact_gym.robot import Arm, LineTable
+from impact_gym.robot.line_table import Mass
 from impact_gym.scene import RobotTable, Scene
 from impact_gym.simulation import simulate
 from impact_gym.support.validation import WrongTypeError, choice, number, shown
@@ -56,7 +56,7 @@ ROUNDS = 3  # `advise` runs each model this many times (the one with all joints 
 
 def advise(
     scenes: Scene | Sequence[Scene], motion: Trapezoid, tolerance: float = 1e-3, quantity: Advised = "object_velocity",
-    duration: float = 1.5, arm: tuple[Arm, Approach] | None = None,
+    duration: float = 1.5, arm: tuple[Arm, LineTable] | None = None,
 ) -> Advice:  # fmt: skip
     """Compare simplified models of `scenes` with the full model; recommend the fastest model within the tolerance.
 
@@ -69,7 +69,7 @@ def advise(
         duration: length of a run, s.
         arm: an arm and its line of approach, `(arm, arm.along(...))`, for scenes without a robot. Then the full model
             simulates all joints, see `impact_gym.robot.all_joints`. Simpler models have a rigid robot or a table
-            from `Approach.robot_table`. The table is used as it is, or only its values at the object's distance.
+            from `LineTable.robot_table`. The table is used as it is, or only its values at the object's distance.
 
     Raises:
         RuntimeError: a run of the full model cannot finish.
@@ -79,8 +79,8 @@ def advise(
         raise ValueError("scenes must be a Scene or a sequence of them, got none")
     choice("quantity", quantity, get_args(Advised))
     tolerance = number("tolerance", tolerance, "(no unit)", above=0)
-    if arm is not None and [type(each) for each in (arm if isinstance(arm, tuple) else ())] != [Arm, Approach]:
-        raise WrongTypeError(f"arm must be a pair, an Arm and its Approach, got {shown(arm)}")
+    if arm is not None and [type(each) for each in (arm if isinstance(arm, tuple) else ())] != [Arm, LineTable]:
+        raise WrongTypeError(f"arm must be a pair, an Arm and its LineTable, got {shown(arm)}")
     run = partial(_timed, motion, duration, quantity)
     exact, seconds = run(sample, arm)
     tried = [Model("as it is" if arm is None else "all joints", lambda scene: scene, np.zeros(len(sample)), 0.0)]
@@ -104,7 +104,7 @@ def advise(
 FROZEN = "frozen where the object stands"
 
 
-def _simpler_models(line: Approach | None) -> Iterator[tuple[str, Callable[[Scene], Scene]]]:
+def _simpler_models(line: LineTable | None) -> Iterator[tuple[str, Callable[[Scene], Scene]]]:
     """Yield name and simplifying function of each simpler model; `line`: an arm's approach, not `Scene.robot`."""
     robots: dict[str, Any] = {"robot rigid": None}
     if line is None:
@@ -125,7 +125,7 @@ def _simplified(robot: Any, frozen: bool, fixed: bool, scene: Scene) -> Scene:
 
 def _timed(
     motion: Trapezoid, duration: float, quantity: Advised, scenes: Sequence[Scene],
-    arm: tuple[Arm, Approach] | None = None,
+    arm: tuple[Arm, LineTable] | None = None,
 ) -> tuple[Array, float]:  # fmt: skip
     """Return the quantity for each scene, and the time (s) for all scenes, the shortest of ROUNDS (with `arm` one)."""
     from impact_gym.robot.all_joints import simulate as simulate_arm  # imported here, because this takes 40 ms

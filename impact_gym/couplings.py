@@ -50,6 +50,10 @@ class Coupling(Parameters, path="coupling"):
         """Return the time (s) in which a deflection decays."""
         raise self._lacks("response_time: how long a deflection lasts")
 
+    def stop_time(self, tool_mass: float) -> float:
+        """Return sqrt(m / k), the time scale (s) of a tool against a stop of stiffness k; infinity: no stops."""
+        raise self._lacks("stop_time: how fast its stops are")
+
     def simplified(self) -> "Coupling":
         """Return the simplest coupling that may do instead."""
         raise self._lacks("simplified: a simpler coupling")
@@ -94,6 +98,10 @@ class Rigid(Held):
 
     fixed: ClassVar[bool] = True
     drawing: ClassVar[str] = "rigid"
+
+    def stop_time(self, tool_mass: float) -> float:
+        """Infinity."""
+        return math.inf
 
     def kernel(self) -> tuple[int, dict[str, float]]:
         """Return the kind of coupling in the compiled program; its record has no numbers."""
@@ -152,6 +160,10 @@ class SpringDamper(Coupling):
     def response_time(self, tool_mass: float) -> float:
         """Return the period of the undamped oscillation (s), for zeta above 1 times zeta."""
         return 2.0 * math.pi * max(self.damping_ratio, 1.0) * math.sqrt(tool_mass / self.stiffness)
+
+    def stop_time(self, tool_mass: float) -> float:
+        """Return the time scale of the stops, s; without a stroke infinity."""
+        return math.sqrt(tool_mass / STOP_STIFFNESS) if self.stroke else math.inf
 
     def simplified(self) -> Rigid:
         """Return a rigid coupling."""
@@ -229,6 +241,10 @@ class Bistable(Held):
             if (beyond := side * (place - stop)) > 0.0:
                 force -= _stop(self.stop_stiffness, self.stop_damping_ratio, tool_mass, beyond, rate, side)
         return float(self.force(place)) + force
+
+    def stop_time(self, tool_mass: float) -> float:
+        """Return the time scale of the stops, s."""
+        return math.sqrt(tool_mass / self.stop_stiffness)
 
     def drawn_length(self, tool_mass: float) -> float:
         """Return the drawn length, m: room for the slider."""

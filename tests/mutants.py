@@ -49,7 +49,7 @@ def unnoticed(session):
 
 def main():
     parser = argparse.ArgumentParser(prog="make mutants", description=__doc__)
-    parser.add_argument("--part", default="impact_gym/identify", help="folder or module")
+    parser.add_argument("--part", default="impact_gym/identification", help="folder or module")
     parser.add_argument("--tests", default="tests/identify", help="tests that should notice each edit")
     parser.add_argument("--seed", type=int, default=0, help="seed of the sample")
     options = parser.parse_args()

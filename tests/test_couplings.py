@@ -63,7 +63,7 @@ def test_a_number_without_a_place_in_the_record_is_refused(monkeypatch):
     lambda held: ig.simulate(scene(coupling=held), MOTION), lambda held: ig.advise(scene(coupling=held), MOTION),
     lambda held: lag(replace_coupling(held)), lambda held: held.drawn_length(MASS), lambda held: held.holding_force,
     lambda held: load_baseline("filtered-profile", 2.0).for_task(replace_coupling(held)).swing(0.0, 0.0, 0.0),
-    lambda held: held.simplified(), lambda held: held.response_time(MASS),
+    lambda held: held.simplified(), lambda held: held.response_time(MASS), lambda held: held.stop_time(MASS),
 ])  # fmt: skip
 def test_coupling_that_lacks_an_answer_is_refused_by_name(answer):
     refused(lambda: answer(Viscous()), "the coupling Viscous lacks ", "impact_gym/couplings.py")

@@ -33,8 +33,8 @@ from agents.policies import Ensemble, Policy
 from agents.policies.networks import from_arrays, to_arrays
 from agents.policies.policy import FORMAT
 from experiments.report.__main__ import ReportOptions, write
-from impact_gym.identify import log as logs_of
-from impact_gym.identify.__main__ import parse
+from impact_gym.identification import log as logs_of
+from impact_gym.identification.__main__ import parse
 from impact_gym.support import archive, validation
 from impact_gym.support.files import UNFINISHED, locked, write_file
 from impact_gym.task import evaluation_sets

@@ -1,18 +1,13 @@
 """Compute a robot's mass, damping and stiffness along an approach from its joints (paper, section 3.1, eq. 10-16).
 
-    default_approach() -> Approach        the shipped table: Viper s650, with the paper's mass at the impact
-    Approach.robot_table(), .at(position) the robot of a Scene; `mass` chooses one of three kinds of mass
+    default_approach() -> LineTable         the shipped table: Viper s650, with the paper's mass at the impact
+    LineTable.robot_table(), .at(position)  the robot of a Scene; `mass` chooses one of three kinds of mass
 
 These functions need MuJoCo (pip install 'impact-gym[robot]'):
 
-    from_urdf(path, base, tip) -> Arm     any serial arm; viper.viper() returns the paper's arm
-    Arm.along(start, direction, length)   -> Approach, the table along a line through the flange
-    Arm.reduction(angles, direction)      one row of the table
-    joint_angles(arm, place, ...)         joint angles of a pose
-    all_joints.simulate(arm, approach, scene)  simulates a blow with all joints, to find the table's error
-
-Kinematics and joint limits of the Viper are public data. Its inertia and joint stiffness are estimates: at a given pose
-the mass is uncertain by tens of per cent, the stiffness even more.
+    from_urdf(path, base, tip) -> Arm       any serial arm; viper.viper() is the paper's arm, with estimated inertia
+    Arm.along(start, direction, length)     -> LineTable, the table along a line through the flange
+    all_joints.simulate(arm, line, scene)   simulates a blow with all joints, to find the table's error
 """
 
 import warnings
@@ -23,12 +18,12 @@ from typing import Any
 import numpy as np
 
 from impact_gym.robot import urdf
-from impact_gym.robot.approach import IMPACT, Approach, Array, default_approach
 from impact_gym.robot.arm import Arm, joint_angles
+from impact_gym.robot.line_table import IMPACT, Array, LineTable, default_approach
 from impact_gym.support.files import parsed
 from impact_gym.support.validation import choice, number, numbers, one_of, unit_text, whole
 
-__all__ = ["IMPACT", "Approach", "Arm", "default_approach", "from_urdf", "joint_angles"]
+__all__ = ["IMPACT", "Arm", "LineTable", "default_approach", "from_urdf", "joint_angles"]
 
 PerJoint = float | Sequence[float] | Sequence[tuple[float, float]]
 """A number, or a pair (low, high) from which a number is drawn log-uniformly; one for all joints, or one per joint."""
@@ -60,8 +55,9 @@ def from_urdf(
         ImportError: MuJoCo is not installed.
 
     Warns:
-        UserWarning: a link that the arm moves has inertia but no mass, so its inertia is left out; a joint outside
-            the arm mimics a joint of the arm, but is held at zero; a joint has limits beyond 10 rad or 10 m.
+        UserWarning: a joint of the arm moves a link without mass; a link that the arm moves has inertia but no mass, so
+            its inertia is left out; a joint outside the arm mimics a joint of the arm, but is held at zero; a joint has
+            limits beyond 10 rad or 10 m.
     """
     choice("inertia", inertia, ("given", "balanced"))
     one_of("path", path, str, Path)

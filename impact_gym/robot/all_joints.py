@@ -1,4 +1,4 @@
-"""Simulate an arm with all its joints (paper, eq. 10), as a reference for the table of an `Approach`.
+"""Simulate an arm with all its joints (paper, eq. 10), as a reference for the table along a line.
 
     M(q) q'' + c(q, q') = D (q_m' - q') + K (q_m - q) - J^T F
 
@@ -15,12 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from impact_gym.couplings import SpringDamper
 from impact_gym.motion import Motion, Trapezoid
 from impact_gym.physics.dissipation import damping_factor
-from impact_gym.robot.approach import Approach, Array
 from impact_gym.robot.arm import Arm
 from impact_gym.robot.equations import MOST_EVALUATIONS, Equations, Path, Servo, Unfinished
+from impact_gym.robot.line_table import Array, LineTable
 from impact_gym.scene import Scene
 from impact_gym.support.validation import flag, number, one_of
 
@@ -45,28 +44,24 @@ class Blow:
 
 
 def simulate(
-    arm: Arm, approach: Approach, scene: Scene, motion: Trapezoid | Motion, *, duration: float,
+    arm: Arm, line: LineTable, scene: Scene, motion: Trapezoid | Motion, *, duration: float,
     gravity: bool = False, servo: Servo | None = None, rtol: float = 1e-8, most_evaluations: int = MOST_EVALUATIONS,
 ) -> Blow:  # fmt: skip
-    """Simulate `arm` with all its joints while it moves along the line of `approach`.
+    """Simulate `arm` with all its joints while it moves along the `line`.
 
     Args:
-        arm: the arm that `approach` describes.
-        approach: the line, and the motors' angles along it.
-        scene: a scene without robot, friction, "fixed" dissipation or stroke; the contact's two exponents are equal.
+        arm: the arm that `line` describes.
+        line: the line, and the motors' angles along it.
+        scene: a scene without robot, friction or "fixed" dissipation; the contact's two exponents are equal.
         motion: motion of the motors along the line.
         duration: length of the run, s.
         gravity: whether gravity acts and, at the start, deflects the joints.
         servo: the servo by which the motors follow the line; None: the motors follow the line exactly.
         rtol: relative tolerance of the integration, 1e-12 to 1e-3.
         most_evaluations: number of evaluations of the equations after which the run ends early.
-
-    Raises:
-        TypeError, ValueError: the scene has something that is not modelled here, the line ends before the object, or
-            another argument is invalid.
     """
     for field, value, kinds in (
-        ("arm", arm, (Arm,)), ("approach", approach, (Approach,)), ("scene", scene, (Scene,)),
+        ("arm", arm, (Arm,)), ("line", line, (LineTable,)), ("scene", scene, (Scene,)),
         ("motion", motion, (Trapezoid, Motion)), ("servo", servo, (Servo, type(None))),
     ):  # fmt: skip
         one_of(field, value, *kinds)
@@ -75,18 +70,17 @@ def simulate(
     number("rtol", rtol, "-", at_least=1e-12, at_most=1e-3)
     number("most_evaluations", most_evaluations, "-", at_least=1)
     law, distance = scene.contact, scene.object.distance
-    stroke = isinstance(scene.coupling, SpringDamper) and scene.coupling.stroke
-    if scene.robot is not None or scene.object.friction or law.reference_velocity or stroke:
-        raise ValueError('leave out scene.robot, object.friction, dissipation "fixed" and coupling.stroke with an arm')
+    if scene.robot is not None or scene.object.friction or law.reference_velocity:
+        raise ValueError('leave out scene.robot, object.friction and dissipation "fixed" with an arm')
     if law.stiffness_exponent != law.damping_exponent:
         raise ValueError("contact.damping_exponent must equal contact.stiffness_exponent with an arm")
-    if not distance <= approach.position[-1]:
-        raise ValueError(f"object.distance is {distance!r} m, but the line ends after {approach.position[-1]:.4g} m")
-    if arm.joints != approach.joints or np.abs(arm.flange(approach.joint_angles[0])[0] - approach.start).max() > 1e-6:
-        raise ValueError("approach must be of this arm: same joint names, and joint_angles[0] puts the flange at start")
+    if not distance <= line.position[-1]:
+        raise ValueError(f"object.distance is {distance!r} m, but the line ends after {line.position[-1]:.4g} m")
+    if arm.joints != line.joints or np.abs(arm.flange(line.joint_angles[0])[0] - line.start).max() > 1e-6:
+        raise ValueError("line must be of this arm: same joint names, and joint_angles[0] puts the flange at start")
     if servo is not None and not (arm.rotors > 0).all():
         raise ValueError("with a servo, rotor_inertia of the arm must be above 0 kg m^2 for every joint")
-    return _run(Equations(arm, approach, scene, Path(motion), gravity, servo, int(most_evaluations)), duration, rtol)
+    return _run(Equations(arm, line, scene, Path(motion), gravity, servo, int(most_evaluations)), duration, rtol)
 
 
 def _run(equations: Equations, duration: float, rtol: float) -> Blow:
@@ -112,9 +106,8 @@ def _run(equations: Equations, duration: float, rtol: float) -> Blow:
                 states = found.sol(times).T
                 force = CubicSpline(times, [equations.contact(*equations.penetration(each)) for each in states])
                 peak = max(peak, *force(times), *force(force.derivative().roots(extrapolate=False)))
-                places = [arm.flange(each[: arm.count])[0] - equations.start for each in states[::4]]
-                off_line = np.cross(places, equations.u)
-                sideways = max(sideways, float(np.linalg.norm(off_line, axis=1).max()))
+                travelled = [arm.flange(each[: arm.count])[0] - equations.start for each in states[::4]]
+                sideways = max(sideways, float(np.linalg.norm(np.cross(travelled, equations.u), axis=1).max()))
             t, y = float(found.t[-1]), found.y[:, -1]
             fired = next((kind for kind, times in enumerate(found.t_events) if times.size), None)
             if fired == 1:

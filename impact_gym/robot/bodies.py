@@ -7,9 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from impact_gym.robot.approach import Array
+from impact_gym.robot.line_table import Array
 
 LEAST_MASS, LEAST_INERTIA = 1e-9, 1e-15  # kg and kg m^2, least mass and least principal moment of inertia of a body
+NO_INERTIA = 1e-15  # kg and kg m^2, for a body without mass: MuJoCo compiles nothing less, `Arm` then sets 0
 LARGEST_GYRATION = 3.0  # m; if a radius of gyration exceeds this and the arm's reach, inertia is probably in kg mm^2
 ROUNDING = 1e-6  # a moment of inertia may exceed the sum of the two others by this fraction, as files are rounded
 
@@ -21,9 +22,14 @@ class Body(NamedTuple):
     unit: str  # of the joint's position, rad or m
     low: float  # lower limit of the joint's position
     high: float  # upper limit of the joint's position
-    place: Array  # pose of the joint in the frame of the previous body, a homogeneous matrix (4, 4)
+    pose: Array  # pose of the joint in the frame of the previous body, a homogeneous matrix (4, 4)
     axis: Array  # axis of the joint, of length 1, (3,)
     links: dict[str, Array]  # pseudo-inertia of each link in the joint's frame, (4, 4), see `urdf`
+
+    @property
+    def inertia(self) -> Array:
+        """Pseudo-inertia of all links together, (4, 4); all zero: no link has mass."""
+        return np.asarray(np.sum(list(self.links.values()), axis=0))
 
 
 def specification(bodies: Sequence[Body], tip: Array, balanced: bool) -> tuple[Any, Any]:
@@ -34,12 +40,12 @@ def specification(bodies: Sequence[Body], tip: Array, balanced: bool) -> tuple[A
         raise ImportError(
             "computing a robot needs MuJoCo: pip install 'impact-gym[robot]' (default_approach() works without it)"
         ) from missing
-    reach = sum(float(np.linalg.norm(place[:3, 3])) for place in (*(body.place for body in bodies), tip))
+    reach = sum(float(np.linalg.norm(pose[:3, 3])) for pose in (*(body.pose for body in bodies), tip))
     made, kinds = mujoco.MjSpec(), mujoco.mjtJoint
     last = made.worldbody
     for body in bodies:
         inertia = _inertia(body, reach, balanced)
-        last = last.add_body(pos=body.place[:3, 3], quat=_quaternion(body.place), **inertia)
+        last = last.add_body(pos=body.pose[:3, 3], quat=_quaternion(body.pose), **inertia)
         last.add_joint(axis=body.axis, type=kinds.mjJNT_SLIDE if body.unit == "m" else kinds.mjJNT_HINGE)
     last.add_body(name="tip", pos=tip[:3, 3], quat=_quaternion(tip))
     return mujoco, made
@@ -47,7 +53,9 @@ def specification(bodies: Sequence[Body], tip: Array, balanced: bool) -> tuple[A
 
 def _inertia(body: Body, reach: float, balanced: bool) -> dict[str, Any]:
     """Return a body's mass and inertia as arguments of MuJoCo's `add_body`; `reach` (m): the stretched arm's length."""
-    total = np.sum(list(body.links.values()), axis=0)  # only the sum is checked, as a link may have no mass or inertia
+    total = body.inertia  # only the sum is checked, as a link may have no mass or inertia
+    if not total.any():
+        return {"mass": NO_INERTIA, "inertia": np.full(3, NO_INERTIA), "explicitinertial": True}
     mass, centre = float(total[3, 3]), total[:3, 3] / max(total[3, 3], LEAST_MASS)
     if not mass >= LEAST_MASS:
         raise ValueError(
@@ -74,6 +82,6 @@ def _inertia(body: Body, reach: float, balanced: bool) -> dict[str, Any]:
     return {"mass": mass, "ipos": centre, "iquat": turn, "inertia": moments, "explicitinertial": True}
 
 
-def _quaternion(place: Array) -> Array:
+def _quaternion(pose: Array) -> Array:
     """Return the quaternion of a rotation or a pose, the real part first."""
-    return np.roll(Rotation.from_matrix(place[:3, :3]).as_quat(), 1)
+    return np.roll(Rotation.from_matrix(pose[:3, :3]).as_quat(), 1)

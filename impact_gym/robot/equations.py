@@ -11,11 +11,10 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.optimize import fsolve
 
-from impact_gym.couplings import Bistable
 from impact_gym.motion import Motion, Trapezoid
 from impact_gym.parameters import SI, Parameters
-from impact_gym.robot.approach import Approach, Array
 from impact_gym.robot.arm import Arm
+from impact_gym.robot.line_table import Array, LineTable
 from impact_gym.scene import Scene
 
 LOST = 0.05  # rad or m; if a motor deviates from its command by this or more, the run ends
@@ -27,33 +26,32 @@ class Path:
     """The commanded motion along the line; velocity is linear between `times` (s), then constant."""
 
     def __init__(self, motion: Trapezoid | Motion) -> None:
-        self._motion, self.threshold = motion, math.inf  # N, contact force that triggers the brake
+        self.threshold = math.inf  # N, contact force that triggers the brake
         if isinstance(motion, Motion):
             self._set(motion.times, motion.velocities)
-        else:
-            self._set((0.0, motion.speed / motion.acceleration), (0.0, motion.speed))
-            self.threshold = motion.brake.threshold if motion.brake else math.inf
+            return
+        self._set((0.0, motion.speed / motion.acceleration), (0.0, motion.speed))
+        if motion.brake:
+            self.threshold, self._delay = motion.brake.threshold, motion.brake.delay
+            self._deceleration = motion.deceleration
 
     def _set(self, times: Sequence[float], velocities: Sequence[float]) -> None:
         self.times, self._velocities = [*times], [*velocities]
         steps, means = np.diff(times), (np.array(velocities[1:]) + velocities[:-1]) / 2.0
-        self._places = [0.0, *np.cumsum(steps * means).tolist()]
+        self._positions = [0.0, *np.cumsum(steps * means).tolist()]
         self._rates = [*(np.diff(velocities) / steps).tolist(), 0.0]
 
     def at(self, t: float) -> tuple[float, float, float]:
         """Return commanded position (m), velocity (m/s) and acceleration (m/s^2) at time `t` (s)."""
         k = bisect_right(self.times, t) - 1
         since, speed, rate = t - self.times[k], self._velocities[k], self._rates[k]
-        return self._places[k] + (speed + 0.5 * rate * since) * since, speed + rate * since, rate
+        return self._positions[k] + (speed + 0.5 * rate * since) * since, speed + rate * since, rate
 
     def brake(self, detection: float) -> None:
         """Brake to rest from one delay after `detection` (s), the time when the force first exceeds the threshold."""
-        assert isinstance(self._motion, Trapezoid)
-        assert self._motion.brake
-        t = detection + self._motion.brake.delay
+        t = detection + self._delay
         k, speed = bisect_left(self.times, t), self.at(t)[1]
-        end = t + speed / self._motion.deceleration
-        self._set([*self.times[:k], t, end], [*self._velocities[:k], speed, 0.0])
+        self._set([*self.times[:k], t, t + speed / self._deceleration], [*self._velocities[:k], speed, 0.0])
         self.threshold = math.inf
 
 
@@ -72,22 +70,22 @@ class Unfinished(Exception):  # noqa: N818 a status, not an error
 
 
 class Equations:
-    """The equations of motion and their parameters.
+    """The equations of motion.
 
     The state: joint angles and rates; with a servo, motor angles and rates; position and velocity of the tool, then of
     the object; impulse on the object.
     """
 
     def __init__(
-        self, arm: Arm, approach: Approach, scene: Scene, path: Path, gravity: bool, servo: Servo | None,
+        self, arm: Arm, line: LineTable, scene: Scene, path: Path, gravity: bool, servo: Servo | None,
         most_evaluations: int,
     ) -> None:  # fmt: skip
         self.rigid, self.m_t, self.m_p = scene.coupling.fixed, scene.tool.mass, scene.object.mass
         self.arm = arm.moving(self.m_t if self.rigid else 0.0, gravity)
         self.scene, self.path, self.servo, self.n = scene, path, servo, arm.count
-        self.motors = CubicSpline(approach.position, approach.joint_angles)
+        self.motors = CubicSpline(line.position, line.joint_angles)
         self.slopes, self.bend = self.motors.derivative(), self.motors.derivative(2)
-        self.start, self.u, self.end = approach.start, approach.direction, float(approach.position[-1])
+        self.start, self.u, self.end = line.start, line.direction, float(line.position[-1])
         inverse, unit = np.linalg.inv(self.arm.mass_matrix(self.motors(scene.object.distance))), np.eye(self.n)
         modes = np.linalg.eigvals(np.block([[0.0 * unit, unit], [-inverse * arm.stiffness, -inverse * arm.damping]]))
         self.stiff = bool(np.abs(modes).max() > STIFF)
@@ -103,11 +101,11 @@ class Equations:
             q = fsolve(unbalanced, q_m)
         self.torque = arm.stiffness * (q_m - q)  # the motors' present torques, used only with a servo
         motors = [q_m, np.zeros(self.n)] if servo else []
-        place = float(self.u @ (self.arm.flange(q)[0] - self.start))
-        self.first = np.concatenate([q, np.zeros(self.n), *motors, [place, 0.0, scene.object.distance, 0.0, 0.0]])
+        tool = float(self.u @ (self.arm.flange(q)[0] - self.start))
+        self.first = np.concatenate([q, np.zeros(self.n), *motors, [tool, 0.0, scene.object.distance, 0.0, 0.0]])
 
     def driven(self, t: float, y: Array) -> tuple[Array, Array]:
-        """Return angles and rates of the motors at time `t` (s) in the state `y`."""
+        """Return angles and rates of the motors."""
         if self.servo:
             return y[2 * self.n : 3 * self.n], y[3 * self.n : 4 * self.n]
         s, rate, _ = self.path.at(t)
@@ -116,8 +114,7 @@ class Equations:
     def sample(self, t: float, y: Array) -> Array:
         """Return the motor torques that the servo computes at time `t` (s) from the state `y`."""
         assert self.servo is not None
-        s, rate, rise = self.path.at(t)
-        q_m, v_m = self.driven(t, y)
+        (s, rate, rise), (q_m, v_m) = self.path.at(t), self.driven(t, y)
         off = self.motors(s) - q_m
         if not (most := np.abs(off).max()) < LOST:
             raise Unfinished(f"the servo does not hold the arm on its line: a motor is {most:.3g} rad or m off")
@@ -133,9 +130,9 @@ class Equations:
 
     def flange(self, y: Array) -> tuple[float, float, Array]:
         """Return position and velocity of the flange along the line, and d(velocity) / d(joint rates)."""
-        place, J = self.arm.move(y[: self.n], y[self.n : 2 * self.n])
+        position, J = self.arm.move(y[: self.n], y[self.n : 2 * self.n])
         row = self.u @ J
-        return float(self.u @ (place - self.start)), float(row @ y[self.n : 2 * self.n]), row
+        return float(self.u @ (position - self.start)), float(row @ y[self.n : 2 * self.n]), row
 
     def rates(self, t: float, y: Array, touching: bool) -> Array:
         """Return the time derivative of the state."""
@@ -143,12 +140,11 @@ class Equations:
         if self.evaluations > self.most_evaluations:
             raise Unfinished(f"more than {self.most_evaluations} evaluations of the equations")
         n, out = self.n, np.empty_like(y)
-        place, speed, row = self.flange(y)
-        tool, v_t, x, v_p = (place, speed, y[-3], y[-2]) if self.rigid else y[-5:-1]
+        position, speed, row = self.flange(y)
+        tool, v_t, x, v_p = (position, speed, y[-3], y[-2]) if self.rigid else y[-5:-1]
         force = max(self.contact(tool - x, v_t - v_p), 0.0) if touching else 0.0
-        pulled = force if self.rigid else self.scene.coupling.pull(tool - place, v_t - speed, self.m_t)
-        q, v = y[:n], y[n : 2 * n]
-        q_m, v_m = self.driven(t, y)
+        pulled = force if self.rigid else self.scene.coupling.pull(tool - position, v_t - speed, self.m_t)
+        (q, v), (q_m, v_m) = (y[:n], y[n : 2 * n]), self.driven(t, y)
         yielded = self.arm.stiffness * (q_m - q) + self.arm.damping * (v_m - v)
         out[:n], out[n : 2 * n] = v, self.arm.accelerations(yielded - row * pulled)
         if self.servo:
@@ -176,8 +172,8 @@ class Equations:
             mass, closing = 1.0 / (1.0 / self.m_t + 1.0 / self.m_p), max(abs(self.penetration(y)[1]), 1e-3)
             depth = (mass * closing**2 / law.stiffness) ** (1.0 / (law.stiffness_exponent + 1.0))
             longest = min(longest, depth / closing)
-        elif isinstance(self.scene.coupling, Bistable):
-            longest = min(longest, 2.0 * math.sqrt(self.m_t / self.scene.coupling.stop_stiffness))
+        elif not self.rigid:
+            longest = min(longest, 2.0 * self.scene.coupling.stop_time(self.m_t))
         # LSODA restarts too slowly at each sample of a servo, and oscillates if the joints are stiff
         method = "DOP853" if self.servo else "Radau" if self.stiff else "LSODA"
         return solve_ivp(

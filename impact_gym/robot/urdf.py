@@ -3,7 +3,8 @@
 Joints outside the arm, such as those of a gripper, are held at zero. The inertia of links that the arm does not move
 is not read. Meshes, colours and transmissions are ignored.
 
-MuJoCo's own URDF reader is not used: it needs the mesh files, and ignores mimic joints without a warning.
+MuJoCo's own URDF reader is not used: it refuses point masses and welded links without a possible inertia, and accepts
+mimic joints, missing limits, two joints of one name, infinite positions and xacro elements without a warning.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -16,8 +17,8 @@ from xml.parsers import expat
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from impact_gym.robot.approach import Array
 from impact_gym.robot.bodies import Body
+from impact_gym.robot.line_table import Array
 from impact_gym.support.validation import number, unit_text
 
 UNITS = {"revolute": "rad", "continuous": "rad", "prismatic": "m"}
@@ -41,8 +42,7 @@ class Joint(NamedTuple):
 
 def read(content: bytes, base: str, tip: str, remarks: list[str]) -> tuple[list[Body], Array]:
     """Return bodies from `base` to `tip`, and the pose (4, 4) of `tip` in the last body; add warnings to `remarks`."""
-    robot = _parsed(content)
-    links = _named(robot, "link")
+    links = _named(robot := _parsed(content), "link")
     joints = _downwards(links, _named(robot, "joint"))
     way = _way(links, joints, base, tip)
     chain = {joint.name for joint in way if joint.kind != "fixed"}
@@ -50,24 +50,26 @@ def read(content: bytes, base: str, tip: str, remarks: list[str]) -> tuple[list[
         wanted = "two joints or more" if len(chain) < 2 else f"at most {MOST_JOINTS} joints"
         raise ValueError(f"an arm must have {wanted}, but between {base!r} and {tip!r} there are {len(chain)}")
     bodies, fixed = list[Body](), (None, np.eye(4))
-    places: dict[str, tuple[Body | None, Array]] = {base: fixed}  # for each link: its body, and its pose in this body
+    poses: dict[str, tuple[Body | None, Array]] = {base: fixed}  # for each link: its body, and its pose in this body
     for joint in joints:
-        body, place = places.get(joint.parent, fixed)
+        body, pose = poses.get(joint.parent, fixed)
         if not body and joint not in way:
             continue  # this joint's links do not move with the arm
         if joint.kind not in (*UNITS, "fixed"):
-            kinds = f"{joint.kind or 'of no type'}, allowed are {', '.join(UNITS)} and fixed"
-            raise ValueError(f"joint {joint.name!r} is {kinds}")
-        place = place @ _place(joint.name, joint.element)
+            allowed = f"allowed are {', '.join(UNITS)} and fixed"
+            raise ValueError(f"joint {joint.name!r} is {joint.kind or 'of no type'}, {allowed}")
+        pose = pose @ _pose(joint.name, joint.element)
         if joint.name in chain:
-            body, place = Body(joint.name, *_limits(joint, remarks), place, _axis(joint), {}), np.eye(4)
+            body, pose = Body(joint.name, *_limits(joint, remarks), pose, _axis(joint), {}), np.eye(4)
             bodies.append(body)
         elif joint.mimics in chain:
             remarks.append(f"joint {joint.name!r} mimics {joint.mimics!r}, a joint of the arm, but is held at zero")
-        places[joint.child] = body, place
+        poses[joint.child] = body, pose
         if body:
-            body.links[joint.child] = place @ _inertia(links[joint.child], remarks) @ place.T
-    return bodies, places[tip][1]
+            body.links[joint.child] = pose @ _inertia(links[joint.child], remarks) @ pose.T
+    empty = [body for body in bodies if not body.inertia.any()]
+    remarks += [f"link {next(iter(body.links))!r}, which joint {body.joint!r} moves, has no mass" for body in empty]
+    return bodies, poses[tip][1]
 
 
 def _way(links: Collection[str], joints: Sequence[Joint], base: str, tip: str) -> list[Joint]:
@@ -75,17 +77,17 @@ def _way(links: Collection[str], joints: Sequence[Joint], base: str, tip: str) -
         if name not in links:
             raise ValueError(f"no link {name!r}, there are {sorted(links)}")
     above = {joint.child: joint for joint in joints}
-    held, way = list[Joint](), list[Joint]()
-    for path, link in ((held, base), (way, tip)):
-        while link in above:
-            path.insert(0, above[link])
-            link = above[link].parent
-    for joint in held:
-        if joint.kind in ("floating", "planar"):
+    way, link = list[Joint](), tip
+    while link != base:
+        if link not in above:
+            raise ValueError(f"the tip {tip!r} is not below the base {base!r}")
+        way.insert(0, above[link])
+        link = above[link].parent
+    while link in above:
+        if (joint := above[link]).kind in ("floating", "planar"):
             raise ValueError(f"the base {base!r} is not fixed: joint {joint.name!r} above it is {joint.kind}")
-    if base != tip and base not in [joint.parent for joint in way]:
-        raise ValueError(f"the tip {tip!r} is not below the base {base!r}")
-    return way[len(held) :]
+        link = joint.parent
+    return way
 
 
 def _parsed(content: bytes) -> Element:
@@ -97,9 +99,11 @@ def _parsed(content: bytes) -> Element:
         raise ValueError(f"it is no XML file: {problem}") from None
     robot: Element = builder.close()
     everything = list(robot.iter())
-    declared = {name[6:] for each in everything for name, to in each.items() if name[:6] == "xmlns:" and "xacro" in to}
-    if {each.tag.partition(":")[0] for each in everything} & {"xacro", *declared}:
-        raise ValueError("it is a xacro file: turn it into a URDF file first")
+    attributes = [pair for each in everything for pair in each.items()]
+    prefixes = {"xacro", *(name[6:] for name, to in attributes if name[:6] == "xmlns:" and "xacro" in to)}
+    xacro = {name for prefix, _, name in (each.tag.partition(":") for each in everything) if prefix in prefixes}
+    if xacro - {"property", "arg"} or (xacro and any("${" in value for _, value in attributes)):
+        raise ValueError("it is a xacro file: turn it into a URDF file first, for example by `xacro FILE > arm.urdf`")
     if robot.tag != "robot":
         raise ValueError(f"its root element is <{robot.tag}>, not <robot>")
     return robot
@@ -115,10 +119,9 @@ def _named(robot: Element, kind: str) -> dict[str, Element]:
     return named
 
 
-def _only(parent: Element | None, tag: str, name: str) -> Element | None:
+def _only(parent: Element, tag: str, name: str) -> Element | None:
     """Return the only child of `parent` with this tag, or None; `name` is the parent's name in messages."""
-    found = [] if parent is None else parent.findall(tag)
-    if parent is not None and len(found) > 1:
+    if len(found := parent.findall(tag)) > 1:
         raise ValueError(f"{parent.tag} {name!r} has {len(found)} elements <{tag}>, allowed is one")
     return found[0] if found else None
 
@@ -161,25 +164,24 @@ def _numbers(what: str, of: Element | None, key: str, unit: str, missing: str, m
     return tuple(values)
 
 
-def _place(name: str, of: Element) -> Array:
+def _pose(name: str, of: Element) -> Array:
     """Return the pose of a joint or of an inertial frame, a homogeneous matrix (4, 4)."""
-    origin, place = _only(of, "origin", name), np.eye(4)
+    origin, pose = _only(of, "origin", name), np.eye(4)
     if unknown := [] if origin is None else sorted({*origin.keys()} - {"xyz", "rpy"}):
         raise ValueError(f"origin of {name} has {', '.join(unknown)}, allowed are xyz and rpy")
     turn = _numbers(f"rpy of {name}", origin, "rpy", "rad", "0 0 0", MOST_TURN)
-    place[:3, :3] = Rotation.from_euler("xyz", turn).as_matrix()
-    place[:3, 3] = _numbers(f"xyz of {name}", origin, "xyz", "m", "0 0 0", FARTHEST)
-    return place
+    pose[:3, :3] = Rotation.from_euler("xyz", turn).as_matrix()
+    pose[:3, 3] = _numbers(f"xyz of {name}", origin, "xyz", "m", "0 0 0", FARTHEST)
+    return pose
 
 
 def _limits(joint: Joint, remarks: list[str]) -> tuple[str, float, float]:
-    name, limit = joint.name, _only(joint.element, "limit", joint.name)
+    name, unit = joint.name, UNITS[joint.kind]
     if joint.mimics is not None:
         raise ValueError(f"joint {name!r} mimics another joint, which is not allowed between base and tip")
-    unit = UNITS[joint.kind]
     if joint.kind == "continuous":
         return unit, -np.inf, np.inf
-    if limit is None:
+    if (limit := _only(joint.element, "limit", name)) is None:
         raise ValueError(f"joint {name!r} must have limits, in {unit}")
     low, high = (_numbers(f"{side} limit of {name}", limit, side, unit, "0", np.inf)[0] for side in ("lower", "upper"))
     if not low < high:
@@ -190,8 +192,7 @@ def _limits(joint: Joint, remarks: list[str]) -> tuple[str, float, float]:
 
 
 def _axis(joint: Joint) -> Array:
-    axis = _only(joint.element, "axis", joint.name)
-    if axis is not None and axis.get("xyz") is None:
+    if (axis := _only(joint.element, "axis", joint.name)) is not None and axis.get("xyz") is None:
         raise ValueError(f"axis of {joint.name} has no xyz")
     along = np.array(_numbers(f"axis of {joint.name}", axis, "xyz", "-", "1 0 0", MOST_INERTIA))
     if not (length := np.linalg.norm(along)) > 0.0:
@@ -202,8 +203,8 @@ def _axis(joint: Joint) -> Array:
 def _inertia(link: Element, remarks: list[str]) -> Array:
     """Return a link's pseudo-inertia J (4, 4), the integral of r r' dm with r = (x, y, z, 1) in the link's frame.
 
-    In a frame in which the link has the pose T, the pseudo-inertia is T J T'. In a common frame the pseudo-inertias
-    of welded links add up (Wensing, Kim and Slotine, IEEE Robotics and Automation Letters 3, 2018).
+    It is T J T' in a frame in which the link has the pose T. In a common frame the pseudo-inertias of welded links add
+    up (Wensing, Kim and Slotine, IEEE Robotics and Automation Letters 3, 2018).
     """
     name = link.get("name", "")
     if (inertial := _only(link, "inertial", name)) is None:
@@ -212,14 +213,13 @@ def _inertia(link: Element, remarks: list[str]) -> Array:
     number(f"mass of {name}", mass, "kg", at_least=0)
     tensor = np.zeros((3, 3))  # if the file gives no inertia, the link is a point mass
     if (inertia := _only(inertial, "inertia", name)) is not None:
-        for i, j in combinations_with_replacement(range(3), 2):
-            key = f"i{'xyz'[i]}{'xyz'[j]}"
-            (tensor[i, j],) = _numbers(f"{key} of {name}", inertia, key, "kg m^2", "missing", MOST_INERTIA)
-            tensor[j, i] = tensor[i, j]
+        for (i, a), (j, b) in combinations_with_replacement(enumerate("xyz"), 2):
+            values = _numbers(f"i{a}{b} of {name}", inertia, f"i{a}{b}", "kg m^2", "missing", MOST_INERTIA)
+            tensor[i, j] = tensor[j, i] = values[0]
     if mass == 0.0:
         if tensor.any():
             remarks.append(f"link {name!r} has inertia but no mass: its inertia is left out")
         return np.zeros((4, 4))
-    own, place = np.zeros((4, 4)), _place(name, inertial)
+    own, pose = np.zeros((4, 4)), _pose(name, inertial)
     own[:3, :3], own[3, 3] = np.trace(tensor) / 2 * np.eye(3) - tensor, mass
-    return place @ own @ place.T
+    return pose @ own @ pose.T

@@ -6,8 +6,7 @@ From other printed numbers we infer the robot's stiffness at the impact, k_r = 1
 0.2505 m (see docs/provenance.md).
 
 With the tool in the plane of the arm (y = 0), m_r and k_r depend only on the position of the wrist centre, because
-links 5 and 6 only translate. `default_line` finds a position with these m_r and k_r. The arm reaches this position on a
-straight line, with every joint at least 15 degrees from its limits. The tool points along the line.
+links 5 and 6 only translate. `default_line` finds a straight line along the tool to a position with these m_r and k_r.
 """
 
 from pathlib import Path
@@ -17,27 +16,22 @@ from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
 from impact_gym.robot import from_urdf
-from impact_gym.robot.approach import IMPACT, SHIPPED, Approach, Array, write
 from impact_gym.robot.arm import Arm, joint_angles
+from impact_gym.robot.line_table import IMPACT, SHIPPED, Array, LineTable, write
 
 FILE = Path(__file__).with_name("viper_s650.urdf")
 STIFFNESS = (10000.0, 10000.0, 3000.0, 1000.0, 700.0, 300.0)
-"""Stiffness of the joints, N m/rad: estimates, with arbitrary ratios between joints.
-
-They give k_r = 1.5e5 N/m at x = 0.50 m, z = 0.20 m with the tool pointing down.
-"""
+"""Stiffness of the joints, N m/rad: estimates, with arbitrary ratios between joints."""
 DAMPING_OVER_STIFFNESS = 3.7e-4  # s, each joint's damping / stiffness; gives a damping ratio of about 3 % at 26 Hz
 MASS_AT_IMPACT = 5.35 - 0.125  # kg, robot mass m_r: 5.35 kg minus the tool mass (paper, section 3.2)
 STIFFNESS_AT_IMPACT = 1.9e5  # N/m, robot stiffness k_r, inferred from the paper's Fig. 13b and 14a
-PITCH = {"down": np.pi, "horizontal": np.pi / 2}
-"""rad, angle from upward to the flange's z axis, towards +x. "horizontal": the tool points along the approach."""
 PROVENANCE = {  # has no version and no date, so that the same table gives the same file
     "made_by": "impact_gym.robot.viper.write_default_approach()",
     "robot": "Viper s650, viper_s650.urdf and viper.py beside this file: inertia and joint stiffness are ESTIMATES",
     "choice": "solved for, see impact_gym/robot/viper.py",
-    "fields": "of impact_gym.robot.Approach, in SI units: m, kg, N s/m, N/m, rad (paper, eq. 12-16)",
+    "fields": "of impact_gym.robot.LineTable, in SI units: m, kg, N s/m, N/m, rad (paper, eq. 12-16)",
 }
-ELBOW_UP = (0.0, -0.7, 3.2, 0.0, -2.5, 0.0)  # rad, joint angles with the elbow up, in the middle of the workspace
+ELBOW_UP = (0.0, -0.7, 3.2, 0.0, np.pi / 2 - 2.5, 0.0)  # rad, near which the elbow is up and the tool points along x
 
 
 def viper() -> Arm:
@@ -46,27 +40,21 @@ def viper() -> Arm:
     return from_urdf(FILE, "base", "flange", joint_stiffness=STIFFNESS, joint_damping=damping)
 
 
-def angles_at(arm: Arm, x: float, y: float, z: float, orientation: str) -> Array:
-    """Return joint angles, elbow up, that put the flange at x, y, z (m); `orientation` is a key of PITCH."""
-    pitch = PITCH[orientation]
-    near = np.add(ELBOW_UP, [np.arctan2(y, x), 0.0, 0.0, 0.0, pitch, 0.0])
-    return joint_angles(arm, (x, y, z), Rotation.from_rotvec([0.0, pitch, 0.0]).as_matrix(), near)
-
-
-def default_line(arm: Arm) -> Approach:
+def default_line(arm: Arm) -> LineTable:
     """Return the default approach, found numerically."""
+    along_x = Rotation.from_rotvec([0.0, np.pi / 2, 0.0]).as_matrix()
 
-    def misfit(place: Array) -> Array:
-        x, z = map(float, place)
-        at_impact = arm.reduction(angles_at(arm, x, 0.0, z, "horizontal"), (1.0, 0.0, 0.0))
-        wanted = MASS_AT_IMPACT, STIFFNESS_AT_IMPACT
-        return np.array([at_impact["held"], at_impact["stiffness"]]) / wanted - 1
+    def angles(x: float, z: float) -> Array:
+        return joint_angles(arm, (x, 0.0, z), along_x, ELBOW_UP)
+
+    def misfit(position: Array) -> Array:
+        at_impact = arm.reduction(angles(*position), (1.0, 0.0, 0.0))
+        return np.array([at_impact["held"] / MASS_AT_IMPACT, at_impact["stiffness"] / STIFFNESS_AT_IMPACT]) - 1
 
     solution = root(misfit, [0.56, 0.28], method="hybr", options={"xtol": 1e-13})
     if np.max(np.abs(solution.fun)) > 1e-11:
         raise ValueError(f"no line gives the paper's robot mass and stiffness at the impact: {solution.message}")
-    x, z = map(float, solution.x)
-    back = arm.along(angles_at(arm, x, 0.0, z, "horizontal"), (-1.0, 0.0, 0.0), IMPACT)
+    back = arm.along(angles(*solution.x), (-1.0, 0.0, 0.0), IMPACT)
     beyond = np.linspace(IMPACT, IMPACT + 0.08, 33)[1:]  # m; from 1 m/s, a delay of 16 ms and the braking take 0.0785 m
     return arm.along(back.joint_angles[-1], (1.0, 0.0, 0.0), [*np.linspace(0.0, IMPACT, 102), *beyond])
 

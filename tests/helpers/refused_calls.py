@@ -25,7 +25,7 @@ from agents.policies.policy import FORMAT
 from experiments.design.options import DesignOptions
 from experiments.play import __main__ as playing
 from experiments.report import __main__ as reports
-from impact_gym.identify.__main__ import parse
+from impact_gym.identification.__main__ import parse
 from impact_gym.robot import all_joints, default_approach
 from impact_gym.sb3 import ImpactVecEnv
 from impact_gym.support.archive import archive_of
@@ -112,6 +112,6 @@ CALLS = {
     "impact-gym play": lambda setup="teleop-rigid", **options: playing.work(playing.Play(setup, open=False, **options)),
     "DesignOptions": lambda **options: DesignOptions(out=Path(), **options).checked(), "from_urdf": arm,
     "along": lambda start, direction, length, **options: arm(**options).along(start, direction, length),
-    "all_joints.simulate": lambda **given: all_joints.simulate(**{"arm": arm(), "approach": usual_line()} | given),
+    "all_joints.simulate": lambda **given: all_joints.simulate(**{"arm": arm(), "line": usual_line()} | given),
 }  # fmt: skip
 """The function that each table calls, by the table's name. If there are several, all refuse the same input."""

@@ -16,9 +16,9 @@ from solver_scenes import log_uniform
 
 import impact_gym as ig
 from agents import load_setup
-from impact_gym.identify.__main__ import main, set_up
-from impact_gym.identify.held_out import HeldOut, Prediction
-from impact_gym.identify.search import scatter
+from impact_gym.identification.__main__ import main, set_up
+from impact_gym.identification.held_out import HeldOut, Prediction
+from impact_gym.identification.search import scatter
 
 TRUTH, SLOW = scene(1e5, 0.5), replace(MOTION, speed=0.5)
 BOTH = ("force", "object_velocity")

@@ -11,9 +11,9 @@ from scipy.optimize import brentq
 from scipy.stats import chi2, f, norm
 
 import impact_gym as ig
-from impact_gym.identify.log import Log, read
-from impact_gym.identify.model import Model, free_coordinates
-from impact_gym.identify.result import _words, misfits
+from impact_gym.identification.log import Log, read
+from impact_gym.identification.model import Model, free_coordinates
+from impact_gym.identification.result import _words, misfits
 from impact_gym.support.csv_files import SCALES, Column, read_columns
 
 STAMPS, PUSHES = np.arange(20) / 51200, 12.0 * np.sin(np.arange(20))  # s, N

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from made_up_arms import ELASTIC, LENGTHS, SHOULDER, edited, elastic, joint, link, rods, seven_joints, slides
+from made_up_arms import ELASTIC, LENGTHS, SHOULDER, edited, elastic, joint, link, rods, seven_joints, slides, write
 from refusal import refused
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
@@ -116,6 +116,7 @@ READ = {  # edit of two rods; mass (kg) and moment about z (kg m^2) added at (0.
     "a finger follows the arm": (*on_tip([POINT], joint("finger", "revolute", "tip", "claw", extra=CLAW), link("claw")),
                                  0.5, 0.0, "joint 'finger' mimics 'elbow'"),
     "a fixed link": (*on_tip([], joint("other", "planar", "base", "hull"), part("nan", name="hull")), 0, 0, None),
+    "an unused xacro tag": (*on_tip([], '<xacro:property name="width" value="0.2"/>'), 0.0, 0.0, None),
     "an undeclared prefix": ('velocity="1"', 'velocity="1" drake:acceleration="9"', 0.0, 0.0, None),
     "limits of 10 rad": (SHOULDER, r'\1"-10" upper="10"', 0.0, 0.0, None),
     "a lower limit in degrees": (SHOULDER, r'\1"-10.01" upper="3"', 0.0, 0.0, "limits of -10.01 and 3 rad"),
@@ -143,6 +144,21 @@ def test_mass_matrix_is_the_sum_over_all_moving_links(old, new, mass, moment, wa
     np.testing.assert_allclose(arm.mass_matrix(Q2), expected, rtol=1e-12)
 
 
+def test_wrist_without_mass_is_judged_by_the_mass_matrix(tmp_path):
+    """A hand on three joints with axes z, y and z through one point; with y at 0 the other two are one axis."""
+    parts = [link("base")]
+    for before, after, axis in (("base", "fore", "0 0 1"), ("fore", "wrist", "0 1 0"), ("wrist", "tip", "0 0 1")):
+        parts += [joint(f"to {after}", "revolute", before, after, axis=axis), link(after, 2.0 * (after == "tip"))]
+    with pytest.warns(UserWarning, match="has no mass") as caught:
+        arm = elastic(write(tmp_path, *parts), joint_stiffness=1e3, joint_damping=1.0)
+    assert [str(each.message).split(",")[0] for each in caught] == ["link 'fore'", "link 'wrist'"]
+    q = np.array([0.4, 0.9, -0.5])
+    axes = np.transpose([(-np.sin(q[1]), 0.0, np.cos(q[1])), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)])  # before the last turn
+    axes = Rotation.from_euler("z", -q[2]).as_matrix() @ axes
+    np.testing.assert_allclose(arm.mass_matrix(q), axes.T @ np.diag([0.01, 0.02, 0.02]) @ axes, rtol=1e-12, atol=1e-16)
+    refused(lambda: arm.mass_matrix(q * (1, 0, 1)), "joint 'to fore' and 'to tip' can move without moving any mass")
+
+
 def test_balanced_inertia_is_the_mean_of_impossible_moments(tmp_path):
     """Only the upper rod breaks the triangle rule; the other keeps its moments."""
     balanced = elastic(edited(tmp_path, 'ixx="0.0001"', 'ixx="0.2"'), inertia="balanced").mass_matrix(Q2)
@@ -159,7 +175,8 @@ def two_rods(folder, **options):
 # kg, N s/m; the tool is held along the line
 @pytest.mark.parametrize(("coupling", "sagging", "across"), [
     (ig.Rigid(), 5.35, 50.0), (ig.Rigid(), 5.35, 1e6), (ig.SpringDamper(50.0), 0.0, 50.0), (ig.Bistable(), 5.225, 50.0),
-], ids=["rigid", "stiff", "spring", "bistable"])  # fmt: skip
+    (ig.SpringDamper(50.0, 0.4, 0.021), 0.0, 50.0),
+], ids=["rigid", "stiff", "spring", "bistable", "stroke"])  # fmt: skip
 def test_upright_slides_are_one_mass_that_sags_on_a_spring(coupling, sagging, across, tmp_path):
     """Nothing rotates: the compiled solver has the same equations, from m g / k farther away."""
     scene = replace(SCENE, coupling=coupling)

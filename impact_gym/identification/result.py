@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc, fdtrc, ndtri  # scipy.stats would double the import time of this package
 
-from impact_gym.identify.fit import Ends, Fit
-from impact_gym.identify.log import FLAT_SAMPLES, UNITS
-from impact_gym.identify.model import RESTITUTION
-from impact_gym.identify.sensor import Array, runs
+from impact_gym.identification.fit import Ends, Fit
+from impact_gym.identification.log import FLAT_SAMPLES, UNITS
+from impact_gym.identification.model import RESTITUTION
+from impact_gym.identification.sensor import Array, runs
 from impact_gym.quantities import BY_PATH
 from impact_gym.scene import Scene
 from impact_gym.simulation import simulate
@@ -61,18 +61,12 @@ class Identified:
         biases, residuals = model.biases(fit.x), -model.residuals(fit.x) * model.scales()
         slots = [{name: model.slots[k, name] for name in log.columns} for k, log in enumerate(model.logs)]
         return cls(
-            estimate={number.name: number.number(u) for number, u in zip(free, fit.x, strict=False)},
-            interval=interval,
-            correlation=correlation,
-            scene=model.scene_at(fit.x),
-            indistinguishable=tuple(_words(fit.model.scene, interval, correlation)),
-            warnings=doubts,
-            start=tuple(fit.x[len(free) : len(free) + len(model.logs)].tolist()),
-            noise=dict(model.noise),
+            {number.name: number.number(u) for number, u in zip(free, fit.x, strict=False)}, interval, correlation,
+            model.scene_at(fit.x), tuple(_words(model.scene, interval, correlation)), doubts,
+            start=tuple(fit.x[len(free) : len(free) + len(model.logs)].tolist()), noise=dict(model.noise),
             bias=tuple({name: float(biases[slot.start]) for name, slot in log.items()} for log in slots),
-            residuals=tuple({name: residuals[slot] for name, slot in log.items()} for log in slots),
-            fit=fit,
-        )
+            residuals=tuple({name: residuals[slot] for name, slot in log.items()} for log in slots), fit=fit,
+        )  # fmt: skip
 
     def plot(self) -> Any:
         """Return a Matplotlib figure: for each log and column, measured and fitted values, and residual / noise."""

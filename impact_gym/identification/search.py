@@ -1,7 +1,7 @@
-"""Choose starting points of a fit, run least squares from several of them, and stop the worst fits early.
+"""Choose starting points x of a fit, run least squares from several of them, and stop the worst fits early.
 
-A starting point is a vector x, see `model`. Its free numbers come from the given scene, from a measured blow (impulse
-and width), or from a Latin hypercube over the searched ranges. Its start times and biases minimize the misfit.
+The free numbers of a starting point come from the given scene, from a measured blow (impulse and width), or from a
+Latin hypercube over the searched ranges. Its start times and biases minimize the misfit.
 """
 
 import math
@@ -11,10 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from impact_gym.identify.log import Log, tool_mass
-from impact_gym.identify.model import MASS, RESTITUTION, STIFFNESS, Model
-from impact_gym.identify.sensor import Array, level
-from impact_gym.outcome import Trace
+from impact_gym.identification.log import tool_mass
+from impact_gym.identification.model import MASS, RESTITUTION, STIFFNESS, Model
+from impact_gym.identification.sensor import Array, level
 from impact_gym.scene import Scene
 
 SCATTERED = 40  # number of points of the Latin hypercube
@@ -60,9 +59,9 @@ def from_impulse(model: Model, given: Array) -> list[Array]:
     impulse / peak. For a force k delta^n (penetration delta) the width is proportional to k^(-1/(n + 1)) (Johnson,
     Contact Mechanics, 1985, sec. 11.4). The function repeats: simulate a blow, then correct m and k.
     """
-    places = {number.name: i for i, number in enumerate(model.free)}
+    indices = {number.name: i for i, number in enumerate(model.free)}
     k = next((k for k, log in enumerate(model.logs) if "force" in log.columns), None)
-    if k is None or not {MASS, STIFFNESS} & set(places):
+    if k is None or not {MASS, STIFFNESS} & set(indices):
         return []
     log, sensor = model.logs[k], model.sensors["force"]
     force, few = log.columns["force"], max(len(log.time) // 20, 1)
@@ -71,11 +70,11 @@ def from_impulse(model: Model, given: Array) -> list[Array]:
     impulse, peak = float(np.trapezoid(force, log.time)), float(force.max())
 
     def put(name: str, u: float) -> None:
-        if name in places:
-            x[places[name]] = np.clip(u, *model.free[places[name]].reach)
+        if name in indices:
+            x[indices[name]] = np.clip(u, *model.free[indices[name]].reach)
 
     points = []
-    for restitution in RESTITUTIONS if RESTITUTION in places else RESTITUTIONS[:1]:
+    for restitution in RESTITUTIONS if RESTITUTION in indices else RESTITUTIONS[:1]:
         x, light, heavy = given.copy(), -math.inf, math.inf  # light, heavy: limits of ln(object mass)
         put(RESTITUTION, math.log(restitution / (1.0 - restitution)))
         for _ in range(PASSES if impulse > 0.0 else 0):
@@ -104,35 +103,27 @@ def from_impulse(model: Model, given: Array) -> list[Array]:
     return points
 
 
-def start_at(model: Model, point: Array, share: float) -> Point:
-    """Return `point` with the best start times and biases; `share` (of a log step) shifts the tried start times."""
-    x = np.zeros(model.size)
-    x[: len(point)] = point
-    total = 0.0
+def start_at(model: Model, point: Array, fraction: float) -> Point:
+    """Return `point` with the best start times and biases; `fraction` (of a log step) shifts the tried start times."""
+    x = np.append(point, np.zeros(model.size - len(point)))
     try:
         scene = model.scene_at(x)
-        for k, log in enumerate(model.logs):
-            trace = model.trace(scene, k, model.latest(scene, k))
-            misfit, delay, biases = _align(model, scene, log, trace, share)
-            x[len(point) + k] = log.time[0] + delay
-            for name, bias in biases.items():
-                if (k, name) in model.bias_places:
-                    x[model.bias_places[k, name]] = bias
-            total += misfit
+        misfit = sum(_align(model, scene, x, k, fraction) for k in range(len(model.logs)))
     except (ValueError, RuntimeError):
-        return Point(np.inf, x, is_minimum=False)
-    return Point(total, x, is_minimum=False)
+        misfit = math.inf
+    return Point(misfit, x, is_minimum=False)
 
 
-def _align(model: Model, scene: Scene, log: Log, trace: Trace, share: float) -> tuple[float, float, dict[str, float]]:
-    """Find the time shift that best fits a motion to a log; return misfit, motion start - log start (s), and biases."""
+def _align(model: Model, scene: Scene, x: Array, k: int, fraction: float) -> float:
+    """Set the start and the biases of log k in x to those that fit best; return the misfit."""
+    log, trace = model.logs[k], model.trace(scene, k, model.latest(scene, k))
     step, n = log.step, len(log.time)
     touch = trace.time[np.argmax(trace.contact_force > 0.0)] if np.any(trace.contact_force > 0.0) else np.inf
     last = min(trace.time[-1], touch + 2.0 * n * step)
     first = max(touch - 2.0 * n * step, 0.0) if np.isfinite(touch) else 0.0
-    times: Array = first + (np.arange(int((last - first) / step), dtype=float) + share) * step
+    times: Array = first + (np.arange(int((last - first) / step), dtype=float) + fraction) * step
     m = len(times)  # at lag k, sample j of the motion lies at sample j + k of the log
-    misfit, biases = np.zeros(m + 1), {}
+    misfit, biases = np.zeros(m + 1), dict[str, Array]()
     length = 1 << int(n + m).bit_length()
     lags = np.arange(n - m, n + 1)
     begin, end = np.maximum(-lags, 0), np.minimum(n - lags, m)
@@ -150,8 +141,11 @@ def _align(model: Model, scene: Scene, log: Log, trace: Trace, share: float) -> 
         misfit += (np.sum(y**2) - 2.0 * products[lags % length] + power - free * n * off**2) / model.noise[name] ** 2
         biases[name] = off + rest
     best = int(np.argmin(misfit))
-    delay = (n - m + best - share) * step - first
-    return float(misfit[best]), delay, {name: float(bias[best]) for name, bias in biases.items()}
+    x[len(model.free) + k] = log.time[0] + ((n - m + best - fraction) * step - first)
+    for name, bias in biases.items():
+        if (k, name) in model.bias_indices:
+            x[model.bias_indices[k, name]] = bias[best]
+    return float(misfit[best])
 
 
 def descend(
@@ -167,7 +161,7 @@ def descend(
     origin = np.where(np.arange(model.size) < len(model.free), 0.0, x)
     for i, number in enumerate(model.free):  # start away from restitutions 0 and 1, where the derivative vanishes
         if number.name == RESTITUTION and i != fixed:
-            x[i] = min(max(x[i], -LARGEST_START), LARGEST_START)
+            x[i] = np.clip(x[i], -LARGEST_START, LARGEST_START)
 
     def full(part: Array) -> Array:
         point = x.copy()
@@ -185,10 +179,9 @@ def descend(
 
 
 def race(model: Model, starts: Sequence[Array]) -> list[Point]:
-    """Fit roughly from all `starts`; return the distinct fits that remain, the best first.
+    """Fit roughly from all `starts`, in rounds of a few steps; return the distinct fits that remain, the best first.
 
-    Each round runs a few steps of least squares, and then compares the fits. Of nearly equal fits only the best is
-    kept. A fit that has not converged is dropped if it is clearly worse than the best fit and hardly improved.
+    A fit that has not converged is dropped if it is clearly worse than the best fit and hardly improved in a round.
     """
     points = [Point(math.inf, x, is_minimum=False) for x in starts]
     for _ in range(ROUNDS):

@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from impact_gym.identify import FREE, Identified, Sensor, identify, motion_of_each
-from impact_gym.identify.log import Log, read
-from impact_gym.identify.model import Model
-from impact_gym.identify.search import descend, start_at
-from impact_gym.identify.sensor import Array, level, runs
+from impact_gym.identification import FREE, Identified, Sensor, identify, motion_of_each
+from impact_gym.identification.log import Log, read
+from impact_gym.identification.model import Model
+from impact_gym.identification.search import descend, start_at
+from impact_gym.identification.sensor import Array, level, runs
 from impact_gym.motion import Trapezoid
 from impact_gym.scene import Scene
 
@@ -60,8 +60,7 @@ class HeldOut:
 
     def csv(self) -> str:
         """Return the predictions as CSV, a row for each blow and quantity."""
-        text = io.StringIO()
-        table = csv.writer(text, lineterminator="\n")
+        table = csv.writer(text := io.StringIO(), lineterminator="\n")
         table.writerow(["log", "quantity", "unit", "measured", "predicted", "equal blows"])
         table.writerows([log, quantity, UNITS[quantity], *values] for log, quantity, *values in self.predictions)
         return text.getvalue()
@@ -74,11 +73,9 @@ def hold_out(
     """Fit every second log and predict the other logs, then swap the halves; for the arguments see `identify`.
 
     Raises:
-        TypeError, ValueError: as in `identify`; also if there are fewer than two logs, if the logs have different
-            columns, or if they have neither `object_velocity` nor `force`.
+        TypeError, ValueError: as in `identify`; also if there are fewer than two logs, or logs with different columns.
     """
-    count = len(log) if isinstance(log, (list, tuple)) else 1
-    if count < 2:
+    if (count := len(log) if isinstance(log, (list, tuple)) else 1) < 2:
         raise ValueError(f"hold-out needs 2 logs or more, got {count}")
     logs = [read(source, f"log {k + 1}") for k, source in enumerate(log)]
     columns = logs[0].columns.keys()
@@ -102,7 +99,7 @@ def hold_out(
 
 
 def _predicted(log: Log, motion: Trapezoid, fit: Identified) -> Log:
-    """Return a log with the readings that `fit` predicts; only start and biases are fitted to `log`."""
+    """Return a log of predicted readings; only start and biases are fitted to `log`."""
     model = Model([log], fit.scene, [motion], fit.fit.model.sensors, ())
     x = descend(model, start_at(model, np.empty(0), 0.5).x).x
     samples = model.predicted(x)[0] + model.biases(x)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_gym.identify.sensor import Array, Sensor, bursts, level, noise_of, runs
+from impact_gym.identification.sensor import Array, Sensor, bursts, level, noise_of, runs
 from impact_gym.motion import Trapezoid
 from impact_gym.scene import Robot, Scene
 from impact_gym.support.csv_files import Column, read_columns
@@ -86,28 +86,26 @@ def read(source: Any, name: str) -> Log:
     if len(set(lengths.values())) > 1 or min(lengths.values()) < MIN_SAMPLES:
         raise ValueError(f"{name} must have columns of one length, {MIN_SAMPLES} samples at least, got {lengths}")
     time = columns.pop("time")
-    steps = np.diff(time)
-    usual = float(np.median(steps))
-    for k in np.flatnonzero(steps <= 0.0).tolist():
+    for k in np.flatnonzero(np.diff(time) <= 0.0).tolist():
         one, other = (round(t, 9) for t in time[k : k + 2].tolist())
         raise ValueError(f"{name}, time must increase, got {one} s and then {other} s at sample {k + 1}")
-    if usual > MAX_STEP:
+    if (usual := float(np.median(np.diff(time)))) > MAX_STEP:
         raise ValueError(f"{name}, time must have steps of at most {MAX_STEP:g} s, got {usual:g} s: is it in ms?")
     log = Log(name, time, columns)
     if log.lost.max() > MAX_LOST:
         k = int(np.argmax(log.lost))
         raise ValueError(f"{name}, time must have at most {MAX_LOST} samples lost in three steps, got {log.lost[k]} at "
                          f"samples {k}, {k + 1}, at {round(float(time[k]), 9)} s; a step is {usual:g} s")  # fmt: skip
-    if not said:
-        return log
-    rate, count = 1.0 / log.step, int(log.lost.sum())
-    shown_rate = f"{rate / 1e3:.4g} kHz" if rate >= 1e3 else f"{rate:.4g} Hz"
-    lost = f"; {count} sample{'s' * (count > 1)} lost" if count else ""
-    return replace(log, said=f"read {len(time):,} samples at {shown_rate} from {name}: {said}{lost}")
+    if said:
+        rate, count = 1.0 / log.step, int(log.lost.sum())
+        shown_rate = f"{rate / 1e3:.4g} kHz" if rate >= 1e3 else f"{rate:.4g} Hz"
+        said = f"read {len(time):,} samples at {shown_rate} from {name}: {said}"
+        said += f"; {count} sample{'s' * (count > 1)} lost" if count else ""
+    return replace(log, said=said)
 
 
 def check(log: Log, scene: Scene, motion: Trapezoid, sensors: Mapping[str, Sensor]) -> None:
-    """Raise ValueError if a log cannot be a blow in `scene`. In `scene` each free mass has its least searched value."""
+    """Raise ValueError if a log cannot be a blow in `scene`, in which each free mass has its least searched value."""
     noise = {name: max(noise_of(values, sensors[name]), 1e-12) for name, values in log.columns.items()}
     for name, values in log.columns.items():
         what = f"{log.name}, {name}"
@@ -137,7 +135,6 @@ def tool_mass(scene: Scene) -> float:
 
 
 def _refuse_other_force(log: Log, scene: Scene, motion: Trapezoid, sensor: Sensor) -> None:
-    """Raise ValueError if the impulse of the force is too small."""
     force = log.columns["force"] - level(log.columns["force"], sensor)
     speed = min(motion.speed, math.sqrt(2.0 * motion.acceleration * scene.object.distance))
     usual = speed / (1.0 / tool_mass(scene) + 1.0 / scene.object.mass)

@@ -1,23 +1,18 @@
 """Estimate numbers of a scene from logs of blows (collisions of tool and object).
 
-    `log`, `sensor`   read and check a log; compute the response of a sensor
-    `model`           simulate a log; compute the residuals and their derivatives
-    `search`, `fit`   find the best fit and the confidence intervals
-    `result`          estimates, intervals, and sentences on what the log does not determine
-    `held_out`        fit each half of the logs; predict the other half
-
-`impact_gym.identify` is the function, but `from impact_gym.identify import ...` imports from this package.
+A log is read and checked in `log`, and simulated through its `sensor` in `model`. `search` and `fit` find the best fit
+and the confidence intervals, `result` puts them into words. `held_out` predicts logs that were not fitted.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations
 from typing import Any
 
-from impact_gym.identify import log as logs_of
-from impact_gym.identify.fit import fit_with_intervals
-from impact_gym.identify.model import Model, free_coordinates
-from impact_gym.identify.result import Identified
-from impact_gym.identify.sensor import LoadCell, Sensor
+from impact_gym.identification import log as logs_of
+from impact_gym.identification.fit import fit_with_intervals
+from impact_gym.identification.model import Model, free_coordinates
+from impact_gym.identification.result import Identified
+from impact_gym.identification.sensor import LoadCell, Sensor
 from impact_gym.motion import Trapezoid
 from impact_gym.scene import Scene
 from impact_gym.support.dotted_paths import replaced

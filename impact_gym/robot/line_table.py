@@ -24,7 +24,7 @@ Mass = Literal["held", "effective", "composite"]
 
 
 @dataclass(frozen=True, eq=False)
-class Approach(Parameters):
+class LineTable(Parameters):
     """A robot on a line, as a table with a row for each position; the masses do not include a tool."""
 
     position: Annotated[Array, SI("m")]  # distance of the imposed motion from its start, rising from 0
@@ -43,12 +43,12 @@ class Approach(Parameters):
         Parameters.__post_init__(self)
         rows = len(self.position)
         if rows < 4 or np.any(np.diff(self.position) <= 0) or self.position[0] != 0:
-            raise ValueError(f"Approach.position must be at least 4 numbers in m rising from 0, got {self.position!r}")
+            raise ValueError(f"LineTable.position must be at least 4 numbers in m rising from 0, got {self.position!r}")
         shapes = dict.fromkeys(COLUMNS, (rows,)) | {"start": (3,), "direction": (3,)}
         for name, shape in (shapes | {"joint_angles": (rows, len(self.joints))}).items():
-            values = array(f"Approach.{name}", getattr(self, name), shape).astype(np.float64)
+            values = array(f"LineTable.{name}", getattr(self, name), shape).astype(np.float64)
             if not np.isfinite(values).all():
-                raise ValueError(f"Approach.{name} must be finite, in rad or m, got {shown(values)}")
+                raise ValueError(f"LineTable.{name} must be finite, in rad or m, got {shown(values)}")
             values.flags.writeable = False
             object.__setattr__(self, name, values)
 
@@ -61,28 +61,27 @@ class Approach(Parameters):
         stiffness, damping = self.stiffness, self.damping
         if mass == "effective":
             stiffness, damping = self.effective_stiffness, damping * self.effective_stiffness / stiffness
-        columns = self.position, getattr(self, mass), stiffness, damping
-        return RobotTable(*(tuple(map(float, column)) for column in columns))
+        return RobotTable(*(tuple(c.tolist()) for c in (self.position, getattr(self, mass), stiffness, damping)))
 
     def at(self, position: float, mass: Mass = "held") -> Robot:
-        """Return a robot with constant parameters, those at `position` (m) along the line."""
+        """Return the robot with the parameters at `position` (m) along the line."""
         return self.robot_table(mass).at(position)
 
 
 @cache
-def default_approach() -> Approach:
+def default_approach() -> LineTable:
     """Return the shipped table, computed by `impact_gym.robot.viper`; needs no MuJoCo."""
     return read(SHIPPED)
 
 
-def read(path: Path) -> Approach:
+def read(path: Path) -> LineTable:
     """Return the approach in a file that `write` wrote."""
     content = parsed(path, "JSON", json.loads)
-    of_line = {field.name: content[field.name] for field in fields(Approach)}
-    return Approach(**of_line | {"joints": tuple(of_line["joints"])})
+    of_line = {field.name: content[field.name] for field in fields(LineTable)}
+    return LineTable(**of_line | {"joints": tuple(of_line["joints"])})
 
 
-def write(path: Path, approach: Approach, provenance: dict[str, Any]) -> None:
+def write(path: Path, approach: LineTable, provenance: dict[str, Any]) -> None:
     """Write `approach` and its provenance to `path` atomically; each field is a line, and floats keep all digits."""
     content = {"provenance": provenance, **vars(approach)}
     lines = [f'"{name}": {json.dumps(value, default=np.ndarray.tolist)}' for name, value in content.items()]

@@ -10,9 +10,9 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from impact_gym.identify import FREE, Identified, LoadCell, Sensor, identify
-from impact_gym.identify.held_out import hold_out
-from impact_gym.identify.log import read
+from impact_gym.identification import FREE, Identified, LoadCell, Sensor, identify
+from impact_gym.identification.held_out import hold_out
+from impact_gym.identification.log import read
 from impact_gym.motion import Brake, Trapezoid
 from impact_gym.quantities import QUANTITIES, SCENARIO, SET_UP
 from impact_gym.scene import Contact, Object, Scene, Tool
@@ -54,16 +54,15 @@ guess for each number to fit. For each other number give its value during the me
     noise = 0.2                                          # standard deviation, in the column's unit
     cell = { mass = 0.02, frequency = 5000.0 }           # only for a load cell: kg and Hz, optional damping_ratio
 
-the output: the set-up with the 95 % intervals as ranges, without [motion] and [sensor]. If an interval begins at 0
-or ends at infinity, the set-up keeps your guess of this number, and a comment says so.
+the output: the set-up without [motion] and [sensor]. If an interval begins at 0 or ends at infinity, the set-up keeps
+your guess of this number, and a comment says so.
 
---hold-out tests predictions. The command fits the numbers to every second log and predicts the other logs.
-Then it swaps the two halves of the logs. It prints the errors of the object's final velocity V_p (from object_velocity)
-and of peak force, impulse and duration (from force). It also prints how much blows with the same motion differ.
-With --out setup.toml, the measured and predicted values are also written to setup.held-out.csv.
+--hold-out fits every second log and predicts the other logs, then swaps the two halves. It prints the errors of the
+object's final velocity V_p, peak force, impulse and duration, and how much blows with the same motion differ. With
+--out setup.toml, the measured and predicted values are also written to setup.held-out.csv.
 """
 
-PLACES = {row.path: f"scenario.{row.id}" for row in SCENARIO} | {row.path: row.id for row in SET_UP if row.path}
+SET_UP_PATHS = {row.path: f"scenario.{row.id}" for row in SCENARIO} | {row.path: row.id for row in SET_UP if row.path}
 """For each dotted path in a scene, except the equal paths in coupling and robot, the path in `[environment]`."""
 
 
@@ -98,8 +97,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(said if options.out else text)
         if options.out:
             write_file(options.out, text)
-        if options.out and held_out:
-            write_file(options.out.with_suffix(".held-out.csv"), held_out.csv())
+            if held_out:
+                write_file(options.out.with_suffix(".held-out.csv"), held_out.csv())
         if options.plot:
             with whole_file(options.plot) as file:
                 result.plot().savefig(file, format=options.plot.suffix[1:] or None)
@@ -115,24 +114,23 @@ def parse(
         if not isinstance(content.get(name), Mapping):
             raise ValueError(f"the scene's file must have a table [{name}], got {shown(content.get(name))}")
     for name in free:
-        if name not in PLACES and not name.startswith(("coupling.", "robot.")):
-            raise ValueError(f"free: {name} cannot be fitted; use {', '.join(PLACES)}, coupling.*, robot.*")
+        if name not in SET_UP_PATHS and not name.startswith(("coupling.", "robot.")):
+            raise ValueError(f"free: {name} cannot be fitted; use {', '.join(SET_UP_PATHS)}, coupling.*, robot.*")
     task = Task.of("environment", content["environment"])
-    paths = {place.removeprefix("scenario."): path for path, place in PLACES.items()}
+    paths = {written.removeprefix("scenario."): path for path, written in SET_UP_PATHS.items()}
     for name, (low, high) in task.ranges.items():
         path = paths.get(name, name)
-        if low < high and path not in free and (path in PLACES or path.startswith(("coupling.", "robot."))):
-            place = f"environment.{PLACES.get(path, path)}"
-            raise ValueError(f"{place} must be a number, not a range, got {low:g} to {high:g}")
+        if low < high and path not in free and (path in SET_UP_PATHS or path.startswith(("coupling.", "robot."))):
+            written = f"environment.{SET_UP_PATHS.get(path, path)}"
+            raise ValueError(f"{written} must be a number, not a range, got {low:g} to {high:g}")
     middles = (QUANTITIES[name].middle(*ends) for name, ends in task.scenario.by_id().items())
     mass, stiffness, restitution, distance = middles
     contact = Contact(stiffness, restitution, task.dissipation)  # type: ignore[arg-type]  # checked by the task
     scene = Scene(Tool(task.tool_mass), Object(mass, distance, task.friction), contact, task.coupling, task.robot)
     motion, sensors = content["motion"], content.get("sensor", {})
     one_of("sensor", sensors, Mapping)
-    tables = [motion] * count
-    if isinstance(speeds := motion.get("speed"), list):
-        tables = [{**motion, "speed": speed} for speed in numbers("motion.speed", speeds, "m/s")]
+    listed = isinstance(speeds := motion.get("speed"), list)
+    tables = [{**motion, "speed": v} for v in numbers("motion.speed", speeds, "m/s")] if listed else [motion] * count
     if len(tables) != count:
         raise ValueError(f"motion.speed must be a number in m/s, or one for each of {count} logs, got {shown(speeds)}")
     motions = [_record("motion", table, Trapezoid, brake=Brake) for table in tables]
@@ -156,7 +154,7 @@ def set_up(content: Mapping[str, Any], result: Identified, said: str) -> Iterato
     if not isinstance(environment.get("scenario", {}), Mapping):
         environment["scenario"] = {}
     for name, (low, high) in result.interval.items():
-        *tables, key = PLACES.get(name, name).split(".")
+        *tables, key = SET_UP_PATHS.get(name, name).split(".")
         table = environment.setdefault(tables[0], {}) if tables else environment
         if low and high and isfinite(high - low):
             table[key] = [low, high]

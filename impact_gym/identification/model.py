@@ -1,7 +1,7 @@
 """The model that is fitted to logs: predicted samples and residuals as functions of a vector x.
 
-x contains a coordinate for each free number of the scene: ln(e/(1-e)) for the restitution e, ln|a| for any other
-number a. x also contains the start of the motion in each log, and the biases to estimate.
+x has a coordinate for each free number of the scene (ln(e/(1-e)) for the restitution e, ln|a| for any other number a),
+then the start of the motion in each log, then the biases to estimate.
 """
 
 import math
@@ -11,8 +11,8 @@ from difflib import get_close_matches
 
 import numpy as np
 
-from impact_gym.identify.log import Log
-from impact_gym.identify.sensor import Array, Sensor, bursts, noise_of
+from impact_gym.identification.log import Log
+from impact_gym.identification.sensor import Array, Sensor, bursts, noise_of
 from impact_gym.motion import Trapezoid
 from impact_gym.outcome import Trace
 from impact_gym.physics.impact import GRAVITY
@@ -67,7 +67,7 @@ class Coordinate:
         return float(side > 0) if self.name == RESTITUTION else self.sign * (math.inf if side > 0 else 0.0)
 
     def start(self, scene: Scene) -> float:
-        """Return the coordinate of the number in `scene`, or the middle of `reach` if that coordinate is outside."""
+        """Return the coordinate of the number in `scene`, or if it is outside `reach`, the middle of `reach`."""
         size, (low, high) = abs(get(scene, self.name)), self.reach
         inside = size > 0.0 and low <= self.coordinate(size) <= high
         return self.coordinate(size) if inside else (low + high) / 2.0
@@ -86,12 +86,11 @@ def free_coordinates(scene: Scene, free: Iterable[str]) -> tuple[Coordinate, ...
             near = get_close_matches(str(name), known, 1)
             hint = f"; did you mean {near[0]!r}?" if near else ""
             raise ValueError(f"free: the scene has no number {name!r}{hint}; it has {', '.join(known)}")
-        value = get(scene, name)
-        if value == 0.0:
+        if (value := get(scene, name)) == 0.0:
             raise ValueError(f"free: {name} must not be 0 in the scene, as the search uses its logarithm: give a guess")
         searched = SEARCHED.get(name, (abs(value) / SEARCH_FACTOR, abs(value) * SEARCH_FACTOR))
-        light = name == MASS and scene.coupling.oscillator(scene.tool.mass)  # a heavy tool on its spring never rests
-        wall = WALL * scene.tool.mass if light else math.inf
+        on_spring = name == MASS and scene.coupling.oscillator(scene.tool.mass)
+        wall = WALL * scene.tool.mass if on_spring else math.inf
         coordinates.append(Coordinate(name, math.copysign(1.0, value), searched, wall))
     return tuple(coordinates)
 
@@ -104,10 +103,7 @@ def tool_acceleration(scene: Scene, trace: Trace) -> Array:
 
 
 class Model:
-    """Predicted samples and residuals of all logs.
-
-    `noise`: the standard deviation of each column's noise in all logs, given by the sensor or estimated.
-    """
+    """Predicted samples and residuals of all logs."""
 
     def __init__(
         self, logs: Sequence[Log], scene: Scene, motions: Sequence[Trapezoid], sensors: Mapping[str, Sensor],
@@ -115,16 +111,16 @@ class Model:
     ) -> None:  # fmt: skip
         self.logs, self.scene, self.motions, self.sensors, self.free = logs, scene, motions, sensors, free
         self.samples, self.size = 0, len(free) + len(logs)
-        self.slots, self.bias_places = dict[Column, slice](), dict[Column, int]()  # sample slices; bias indices in x
+        self.slots, self.bias_indices = dict[Column, slice](), dict[Column, int]()  # sample slices; bias indices in x
         for k, log in enumerate(logs):
             for name in log.columns:
                 self.slots[k, name] = slice(self.samples, self.samples + len(log.time))
                 self.samples += len(log.time)
                 if sensors[name].bias == "estimated":
-                    self.bias_places[k, name] = self.size
+                    self.bias_indices[k, name] = self.size
                     self.size += 1
         self.measured = np.concatenate([values for log in logs for values in log.columns.values()])
-        self.noise = dict[str, float]()
+        self.noise = dict[str, float]()  # standard deviation in each column, given by the sensor or estimated
         for name, sensor in sensors.items():
             columns = [log.columns[name] for log in logs if name in log.columns]
             least = 1e-6 * max(float(np.ptp(values) or np.abs(values).max()) for values in columns)
@@ -145,8 +141,7 @@ class Model:
 
     def scene_at(self, x: Array) -> Scene:
         """Return the scene with its free numbers set to those of x."""
-        numbers = {coordinate.name: coordinate.number(u) for coordinate, u in zip(self.free, x, strict=False)}
-        return replaced(self.scene, numbers)
+        return replaced(self.scene, {each.name: each.number(u) for each, u in zip(self.free, x, strict=False)})
 
     def trace(self, scene: Scene, k: int, duration: float) -> Trace:
         """Simulate `scene` with the motion of log k."""
@@ -156,19 +151,17 @@ class Model:
 
     def latest(self, scene: Scene, k: int) -> float:
         """Return the latest time (s) after the start of the motion at which log k may end."""
-        motion, log = self.motions[k], self.logs[k]
+        motion, time = self.motions[k], self.logs[k].time
         arrival = 2.0 * scene.object.distance / motion.speed + motion.speed / motion.acceleration
-        arrival += scene.coupling.response_time(scene.tool.mass)
-        return arrival + float(log.time[-1] - log.time[0])
+        return arrival + scene.coupling.response_time(scene.tool.mass) + float(time[-1] - time[0])
 
     def sensed(self, scene: Scene, trace: Trace, name: str, at: Array) -> tuple[Array, Array]:
         """Return a column's readings without bias, and their rates, at the times `at` (n,), in s from motion start."""
         sensor = self.sensors[name]
         if name == "tool_acceleration":
             values = tool_acceleration(scene, trace)
-        elif name == "object_acceleration":
+        elif name == "object_acceleration":  # an object at rest stays at rest until the force exceeds friction
             values = trace.contact_force / scene.object.mass - (scene.object.friction or 0.0) * GRAVITY
-            # an object at rest stays at rest until the force exceeds friction
             values = np.where(trace.object_velocity > 0.0, values, np.maximum(values, 0.0))
         else:
             values = getattr(trace, "contact_force" if name == "force" else name)
@@ -203,7 +196,7 @@ class Model:
         """Return the bias of each sample (n,)."""
         bias = np.zeros(self.samples)
         for (k, name), slot in self.slots.items():
-            bias[slot] = x[self.bias_places[k, name]] if (k, name) in self.bias_places else self.sensors[name].bias
+            bias[slot] = x[self.bias_indices[k, name]] if (k, name) in self.bias_indices else self.sensors[name].bias
         return bias
 
     def scales(self) -> Array:
@@ -226,6 +219,6 @@ class Model:
                 columns[:, i] = (self._predict(there)[0] - here) / step
         for (k, name), slot in self.slots.items():
             columns[slot, len(self.free) + k] = -slopes[slot]
-            if (k, name) in self.bias_places:
-                columns[slot, self.bias_places[k, name]] = 1.0
+            if (k, name) in self.bias_indices:
+                columns[slot, self.bias_indices[k, name]] = 1.0
         return columns / self.scales()[:, None]

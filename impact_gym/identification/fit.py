@@ -1,7 +1,7 @@
 """Find the best fit from several starting points, and the interval of each free number by its profile likelihood.
 
-The misfit of a fit is the sum of ((predicted - measured) / noise)^2 over all samples. `intervals` moves one number at
-a time away from its best value and fits all others again. (MINOS of iminuit 2.33 missed 36 of 360 interval ends.)
+The misfit is the sum of ((predicted - measured) / noise)^2. `intervals` moves one number at a time away from its best
+value and fits all others again. (MINOS of iminuit 2.33 missed 36 of 360 interval ends.)
 """
 
 import math
@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
-from impact_gym.identify.model import Model
-from impact_gym.identify.search import ROUGH, Point, as_good, descend, distinct, race, scatter
-from impact_gym.identify.sensor import Array, bursts, level
+from impact_gym.identification.model import Model
+from impact_gym.identification.search import ROUGH, Point, as_good, descend, distinct, race, scatter
+from impact_gym.identification.sensor import Array, bursts, level
 
 STARTS = 8  # largest number of points of `scatter` from which a search starts
 NOISE_ROUNDS = 3  # largest number of rounds of `Fit.polished`; each round fits, and then estimates the noise
@@ -66,10 +66,9 @@ class Fit:
     @property
     def quantile(self) -> float:
         """Half width of a 95 % interval in standard deviations: Student's t if any noise is estimated, else normal."""
-        upper = 0.5 + CONFIDENCE / 2.0
-        if all(sensor.noise is not None for sensor in self.model.sensors.values()):
-            return float(ndtri(upper))
-        return float(stdtrit(self.model.samples - self.model.size, upper))
+        known = all(sensor.noise is not None for sensor in self.model.sensors.values())
+        degrees, upper = self.model.samples - self.model.size, 0.5 + CONFIDENCE / 2.0
+        return float(ndtri(upper) if known else stdtrit(degrees, upper))
 
     @property
     def deviations(self) -> Array:
@@ -95,9 +94,9 @@ def _minima(model: Model, after: int) -> list[Point]:
     """Skip the `after` best starting points; return the fits of `race` from the next STARTS points."""
     which = slice(after, after + STARTS)
     starts, first = scatter(model)[which], model.of_first_blow()
-    if not after and not starts:
-        raise ValueError("scene: no starting point of the search can be simulated; are motion and distance right?")
     if not after:
+        if not starts:
+            raise ValueError("scene: no starting point of the search can be simulated; are motion and distance right?")
         slopes = np.sum([np.abs(model.jacobian(x)).max(axis=0) for x in starts], axis=0)
         for number in (number for number, slope in zip(model.free, slopes, strict=False) if slope == 0.0):
             raise ValueError(f"free: the log does not depend on {number.name}; leave it out or record another column")
@@ -115,12 +114,11 @@ def _extra_blows(fit: Fit) -> str:
         force, sensor = log.columns["force"], model.sensors["force"]
         left = -model.residuals(fit.x)[model.slots[k, "force"]]  # measured - fitted, in standard deviations of noise
         signal = (force - level(force, sensor)) / model.noise["force"]
-        deviations, share = MIN_LEFTOVER
-        blows = bursts(force, sensor)
-        extra = 0
+        deviations, fraction = MIN_LEFTOVER
+        blows, extra = bursts(force, sensor), 0
         for first, last in blows:
             more, blow = left[first : last + 1], signal[first : last + 1]
-            extra += int(more.sum() > max(deviations * len(more) ** 0.5, share * blow.sum()))
+            extra += int(more.sum() > max(deviations * len(more) ** 0.5, fraction * blow.sum()))
         if extra and len(blows) > 1:
             times = ", ".join(f"{round(float(log.time[first]), 9)}" for first, _ in blows)
             return (f"{log.name} has {len(blows)} blows, at {times} s, but the fit has no more than "
@@ -131,12 +129,12 @@ def _extra_blows(fit: Fit) -> str:
 def _estimate_noise(model: Model, x: Array) -> bool:
     """Estimate the unknown noise of each column from its residuals at x; return whether any changed by over 0.1 %."""
     left = model.residuals(x) * model.scales()
-    share = 1.0 - model.size / model.samples
+    spare = 1.0 - model.size / model.samples
     changed = False
     for name, sensor in model.sensors.items():
         if sensor.noise is None:
             parts = [left[slot] for (_, column), slot in model.slots.items() if column == name]
-            noise = max(math.sqrt(float(np.mean(np.concatenate(parts) ** 2)) / share), 1e-9 * model.noise[name])
+            noise = max(math.sqrt(float(np.mean(np.concatenate(parts) ** 2)) / spare), 1e-9 * model.noise[name])
             changed |= abs(noise / model.noise[name] - 1.0) > 1e-3
             model.noise[name] = noise
     return changed
@@ -190,8 +188,7 @@ def _end(fit: Fit, i: int, side: int) -> float | None:
 def _is_vague(fit: Fit) -> bool:
     """Estimate interval widths from curvature and the spread of good minima; return whether any exceeds MAX_STEP."""
     good = [fit.x, *(point.x for point in fit.others if point.misfit - fit.misfit < fit.quantile**2)]
-    spread = np.ptp(good, axis=0)
-    widths = 2.0 * fit.quantile * fit.deviations + spread
+    widths = 2.0 * fit.quantile * fit.deviations + np.ptp(good, axis=0)
     return bool(widths[: len(fit.model.free)].max() > MAX_STEP)
 
 

@@ -81,15 +81,14 @@ class Sensor(Parameters):
         lags = self._lags()
         if not lags:
             return signal(within), np.where(at == within, signal(within, 1), 0.0)
-        moving = np.flatnonzero(values)
-        begin = time[moving[0] - 1] if len(moving) and moving[0] else time[0]
+        begin = time[max(int(np.argmax(values != 0.0)) - 1, 0)]  # the last point before the signal changes
         swings = np.arange(begin, at[-1], 0.5 / self.cell.frequency) if self.cell else np.empty(0)
         nodes = np.unique(np.r_[time[(time >= begin) & (time <= at[-1])], at[at >= begin], begin, swings])
         now, value, slope = signal(within), np.zeros(len(at)), np.zeros(len(at))
-        for share, pace in lags:
-            lagging = np.interp(at, nodes, _filtered(signal, nodes, pace, time[-1]), left=0.0)
-            value += np.real(share * lagging)
-            slope += np.where(at >= begin, np.real(share * pace * (now - lagging)), 0.0)
+        for weight, rate in lags:
+            lagging = np.interp(at, nodes, _filtered(signal, nodes, rate, time[-1]), left=0.0)
+            value += np.real(weight * lagging)
+            slope += np.where(at >= begin, np.real(weight * rate * (now - lagging)), 0.0)
         return value, slope
 
     def _lags(self) -> list[tuple[complex, complex]]:
@@ -99,20 +98,20 @@ class Sensor(Parameters):
             return [(1.0, slow)] if slow else []
         omega, ratio = 2.0 * np.pi * self.cell.frequency, self.cell.damping_ratio
         damping, pole = 2.0 * ratio * omega, omega * complex(ratio, np.sqrt(1.0 - ratio**2))
-        share = 1j * (omega**2 - damping * pole) / (pole.imag * pole)
+        weight = 1j * (omega**2 - damping * pole) / (pole.imag * pole)
         if slow is None:
-            return [(share, pole)]
+            return [(weight, pole)]
         element = omega**2 - damping * slow  # for exp(-slow t) the cell's gain is element / (slow^2 + element)
-        return [(element / (slow**2 + element), slow), (share * slow / (slow - pole), pole)]
+        return [(element / (slow**2 + element), slow), (weight * slow / (slow - pole), pole)]
 
 
-def _filtered(signal: PPoly, nodes: Array, pace: complex, last: float) -> NDArray[Any]:
-    """Solve y' = pace (signal - y), y = 0 at the first node, by Gaussian quadrature; return y at `nodes` (k,)."""
+def _filtered(signal: PPoly, nodes: Array, rate: complex, last: float) -> NDArray[Any]:
+    """Solve y' = rate (signal - y), y = 0 at the first node, by Gaussian quadrature; return y at `nodes` (k,)."""
     h = np.diff(nodes)[:, None]
     inside = nodes[:-1, None] + h * (GAUSS + 1.0) / 2.0
-    weight = GAUSS_WEIGHTS * np.exp(-pace * h * (GAUSS[-1] - GAUSS) / 2.0)
+    weight = GAUSS_WEIGHTS * np.exp(-rate * h * (GAUSS[-1] - GAUSS) / 2.0)
     mean = (weight * signal(np.minimum(inside, last))).sum(1) / weight.sum(1)
-    kept = np.exp(-pace * h[:, 0])
+    kept = np.exp(-rate * h[:, 0])
     # this banded matrix times y is y[0], followed by y[k + 1] - kept[k] y[k]
     steps = np.array([np.ones(len(nodes)), np.append(-kept, 0.0)])
     return solve_banded((1, 0), steps, np.append(0.0, mean * (1.0 - kept)), check_finite=False)
@@ -120,9 +119,7 @@ def _filtered(signal: PPoly, nodes: Array, pace: complex, last: float) -> NDArra
 
 def noise_of(values: Array, sensor: Sensor) -> float:
     """Return the standard deviation of a column's noise: the sensor's, or else an estimate from second differences."""
-    if sensor.noise is not None:
-        return sensor.noise
-    return float(np.median(np.abs(np.diff(values, 2)) / np.sqrt(6.0)) / 0.6745)
+    return sensor.noise or float(np.median(np.abs(np.diff(values, 2)) / np.sqrt(6.0)) / 0.6745)
 
 
 def level(values: Array, sensor: Sensor) -> float:
@@ -133,8 +130,8 @@ def level(values: Array, sensor: Sensor) -> float:
 def bursts(force: Array, sensor: Sensor) -> list[tuple[int, int]]:
     """Return first and last index of each period in which a force exceeds its level by both limits of MIN_HEIGHT."""
     height = force - level(force, sensor)
-    deviations, share = MIN_HEIGHT
-    return runs(height > max(deviations * noise_of(force, sensor), share * float(height.max())))
+    deviations, fraction = MIN_HEIGHT
+    return runs(height > max(deviations * noise_of(force, sensor), fraction * float(height.max())))
 
 
 def runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
