@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from agents.setups.keys import known, table, within
+from agents.setups.keys import prefixed_errors, refuse_unknown, table
 from impact_gym.couplings import SpringDamper
 from impact_gym.support.validation import distinct, interval, number, numbers, shown, whole
 from impact_gym.task import ScenarioRanges, Task, evaluation_sets
@@ -67,11 +67,11 @@ class Evaluation:
         cls, content: Mapping[str, Any], environment: Mapping[str, Any], robot: Mapping[str, Any] | None = None
     ) -> "Evaluation":
         """Return the evaluation in a file's table; TypeError, ValueError: a wrong entry. For `robot` see `usual`."""
-        known("evaluation.", content, [item.name for item in fields(cls)])
-        known("evaluation.nominal.", table(content, "nominal", "evaluation."), SET_UP_ARGUMENTS)
+        refuse_unknown("evaluation.", content, [item.name for item in fields(cls)])
+        refuse_unknown("evaluation.nominal.", table(content, "nominal", "evaluation."), SET_UP_ARGUMENTS)
         nominal = {name: None if value == "rigid" else value for name, value in content.get("nominal", {}).items()}
         environment, given = {**environment, **nominal}, dict(content) | {"nominal": nominal}
-        with within("evaluation.nominal"):
+        with prefixed_errors("evaluation.nominal"):
             Task(**environment)
         for name in {"weights", "curve"} & content.keys():
             given[name] = tuple(sorted(numbers(f"evaluation.{name}", content[name], "m/s per s", above=0)))
@@ -134,7 +134,7 @@ def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool
     where = f"evaluation.varied.{shown(name)[1:-1]}"
     multiples = isinstance(values, Mapping)
     if multiples:
-        known(f"{where}.", values, ("times",))
+        refuse_unknown(f"{where}.", values, ("times",))
     listed = values.get("times") if multiples else values
     if not isinstance(listed, list) or not listed:
         raise ValueError(
@@ -144,20 +144,20 @@ def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool
     if name == "scenario":
         for scenarios in listed:
             same = scenarios == AS_TRAINED
-            with within(where):
+            with prefixed_errors(where):
                 _ = same or evaluation_sets.load(scenarios)  # ValueError: no such set
             yield Change(name, scenarios, math.nan, False, environment, "" if same else scenarios, same)
         return
     task = Task(**environment)
     given = {path: value for path, value in task.by_path().items() if path.partition(".")[0] in SET_UP_ARGUMENTS}
     if strict:
-        known("evaluation.varied.", [name], ["scenario", *(given | dict.fromkeys(MAY_BE_NONE))])
+        refuse_unknown("evaluation.varied.", [name], ["scenario", *(given | dict.fromkeys(MAY_BE_NONE))])
     if given.get(name) is None and name not in MAY_BE_NONE:
         return
     for value in listed:
         try:
             # hard tasks are intended here, so a UserWarning about a hard task is ignored
-            with within(where), warnings.catch_warnings(action="ignore", category=UserWarning):
+            with prefixed_errors(where), warnings.catch_warnings(action="ignore", category=UserWarning):
                 other = None if value == "rigid" else value
                 if multiples:
                     factor, own = number("times", value, "-", above=0), given.get(name)

@@ -15,7 +15,7 @@ MOVED["scenario"] = "environment.scenario"
 
 
 @contextmanager
-def within(place: str) -> Iterator[None]:
+def prefixed_errors(place: str) -> Iterator[None]:
     """Turn a RuntimeError, TypeError or ValueError of the `with` block into a ValueError that begins with `place`."""
     try:
         yield
@@ -23,7 +23,7 @@ def within(place: str) -> Iterator[None]:
         raise ValueError(f"{place}: {error}") from error
 
 
-def known(prefix: str, given: Iterable[str], allowed: Iterable[str], kind: str = "key") -> None:
+def refuse_unknown(prefix: str, given: Iterable[str], allowed: Iterable[str], kind: str = "key") -> None:
     """Raise ValueError for the first key, or name of another `kind`, that is not allowed."""
     names = sorted(allowed) if isinstance(allowed, (set, frozenset)) else list(allowed)
     for key in given:

@@ -12,7 +12,7 @@ import gymnasium as gym
 import numpy as np
 
 from agents.setups.evaluation import COMPLIANT, SET_UP_ARGUMENTS, Evaluation
-from agents.setups.keys import known, table, text, within
+from agents.setups.keys import prefixed_errors, refuse_unknown, table, text
 from agents.setups.training import Training
 from impact_gym.support.files import named_file, parsed
 from impact_gym.support.validation import distinct, flag, identifier, number, one_of, shown, whole
@@ -134,19 +134,19 @@ def load_setup(name_or_path: str | Path) -> Setup:
 def _loaded(path: Path, _: int) -> Setup:
     identifier("name of a set-up's file", path.stem)
     content = _read(path)
-    with within(str(path)):
+    with prefixed_errors(str(path)):
         return _setup(path, content)
 
 
 def _read(path: Path, extended: tuple[Path, ...] = ()) -> dict[str, Any]:
     """Return the content of a file. The INHERITED tables also get the keys of the set-up that `extends` names."""
     content: dict[str, Any] = parsed(path, "TOML", tomllib.loads)
-    with within(str(path)):
+    with prefixed_errors(str(path)):
         _read_delays(table(content, "environment"), path.parent)
         mixed = table(content, "training").get("mixed", [])
         for place, part in enumerate(mixed if isinstance(mixed, list) else []):
             if isinstance(part, dict):
-                with within(f"training.mixed[{place}]"):
+                with prefixed_errors(f"training.mixed[{place}]"):
                     _read_delays(part, path.parent)
         if "extends" in content:
             beside = path.parent / (name := text(content, "extends", ""))
@@ -164,12 +164,12 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
         raise ValueError(
             f"version must be {VERSION}, got {shown(version)}: the file is for another version of impact-gym"
         )
-    known("", content, ("version", "title", "about", "fails", "extends", *TABLES))
+    refuse_unknown("", content, ("version", "title", "about", "fails", "extends", *TABLES))
     environment, training, baselines, evaluation = (table(content, name) for name in TABLES)
-    known("environment.", environment, SET_UP_ARGUMENTS)
-    with within("environment"):
+    refuse_unknown("environment.", environment, SET_UP_ARGUMENTS)
+    with prefixed_errors("environment"):
         task = Task(**environment)
-    known("baselines.", baselines, ("against", "tuned", "bound", "budget"))
+    refuse_unknown("baselines.", baselines, ("against", "tuned", "bound", "budget"))
     usual = {f"{path.stem}-profile": "BlindProfile" if task.range_noise is None else "RangedProfile"}
     listed = table(baselines, "tuned", "baselines.") or usual
     tuned = dict[str, Tuned]()
@@ -181,7 +181,7 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
     distinct("baselines.against", against)
     title = text(content, "title", path.stem)
     mixed = _mixed(training.pop("mixed", []), task)
-    with within("training"):
+    with prefixed_errors("training"):
         seeds = whole("seeds", training.pop("seeds", SEEDS), at_least=1)
         number("seeds", seeds, "-", at_most=MOST_SEEDS)
         settings = Training().changed(training)
@@ -204,7 +204,7 @@ def _read_delays(environment: dict[str, Any], folder: Path) -> None:
     """Replace each channel's `trace`, a path relative to the set-up's `folder`, by the rows of that file."""
     for way in WAYS:
         if isinstance(channel := environment.get(way), dict) and isinstance(trace := channel.get("trace"), str):
-            with within(f"environment.{way}"):
+            with prefixed_errors(f"environment.{way}"):
                 channel["trace"] = [list(row) for row in zip(*columns_of(folder / trace), strict=True)]
 
 
@@ -214,8 +214,8 @@ def _mixed(given: Any, task: Task) -> tuple[tuple[float, Mapping[str, Any]], ...
     for place, part in enumerate(given):
         name = f"training.mixed[{place}]"
         one_of(name, part, dict)
-        known(f"{name}.", part, ("share", *SET_UP_ARGUMENTS))
-        with within(name):
+        refuse_unknown(f"{name}.", part, ("share", *SET_UP_ARGUMENTS))
+        with prefixed_errors(name):
             share = number("share", part.pop("share", "nothing"), "-", above=0, at_most=1)
             ObservationSpec.of_rows([task, task.changed(part)])
         parts.append((share, part))
@@ -233,9 +233,9 @@ def _refuse_unknown(setup: Setup, given: Mapping[str, Any]) -> None:
                 what = f"{weight:g} m/s per s, a default of evaluation.{name}"
                 raise ValueError(f"training.time_weight must include {what}, got {low:g} to {high:g} m/s per s")
     baselines = {*setup.tuned, *shipped_baselines(), *FIXED}  # only names: a set-up's file must not import code
-    known("baselines.against.", setup.against, baselines, "name")
-    known("training.teacher.", [setup.training.teacher], {"", *baselines}, "name")
-    known("baselines.bound.", [setup.bound], [setup.name, *shipped()], "name")
+    refuse_unknown("baselines.against.", setup.against, baselines, "name")
+    refuse_unknown("training.teacher.", [setup.training.teacher], {"", *baselines}, "name")
+    refuse_unknown("baselines.bound.", [setup.bound], [setup.name, *shipped()], "name")
 
 
 def _tuned(name: str, given: Any, task: Task) -> Tuned:
@@ -244,7 +244,7 @@ def _tuned(name: str, given: Any, task: Task) -> Tuned:
         raise ValueError(
             f"{name} must be a rule ({', '.join(RULES)}) or a table whose key rule is one, got {shown(given)}"
         )
-    known(f"{name}.", entry, Tuned._fields)
+    refuse_unknown(f"{name}.", entry, Tuned._fields)
     rtol = QUANTITIES["rtol"].check(entry.get("rtol", Task.rtol), f"{name}.rtol")
     flag(f"{name}.clean_alarm", clean_alarm := entry.get("clean_alarm", False))
     for kind, argument in {"Ranged": "range_noise", "Detector": "deflection_sensor"}.items():

@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields, replace
 from math import inf
 from typing import Any, Literal, Self, get_args
 
-from agents.setups.keys import known
+from agents.setups.keys import refuse_unknown
 from impact_gym.quantities import QUANTITIES
 from impact_gym.support.validation import Range, choice, fits_memory, flag, number, shown, whole
 
@@ -116,7 +116,9 @@ class Training:
 
     def changed(self, changes: Mapping[str, Any]) -> Self:
         """Return the settings after `changes` (lists become tuples); ValueError: an unknown name or a wrong value."""
-        known("training.", changes, ["mixed", "seeds", *(item.name for item in fields(self))])  # two are for Setup
+        refuse_unknown(
+            "training.", changes, ["mixed", "seeds", *(item.name for item in fields(self))]
+        )  # two are for Setup
         settings: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in changes.items()}
         return replace(self, **settings)  # `__post_init__` checks them
 

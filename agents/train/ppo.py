@@ -27,8 +27,8 @@ from agents.baselines import PaperTrapezoid
 from agents.policies import Policy, load_policy
 from agents.policies.networks import Affine, Network
 from agents.setups import Setup, Training, load_setup
-from agents.setups.feasible import warnings
-from agents.setups.keys import within
+from agents.setups.feasible import doubts
+from agents.setups.keys import prefixed_errors
 from agents.setups.training import SLOTS
 from agents.train import checkpoint
 from agents.train.callback import TrainingCallback
@@ -181,8 +181,8 @@ def policy_from(model: PPO, run: Run, provenance: Mapping[str, Any]) -> Policy:
 
 def train(run: Run, out: Path | None = None) -> Path:
     """Train, write the run folder, and return its path."""
-    with within(run.setup.called):
-        for sentence in warnings(run.task):
+    with prefixed_errors(run.setup.called):
+        for sentence in doubts(run.task):
             print(f"warning: {sentence}")
     stamp = datetime.now(UTC).strftime("%Y%m%d-%H%M%S")
     folder = out or Path("runs") / f"{stamp}-{run.setup.name}-seed{run.seed}"

@@ -89,7 +89,7 @@ def test_warnings_name_the_problems_of_some_episodes():
         ({"scenario": {"distance": (0.2, 1.7)}}, ["ends at a flange position of 0.75"]),
         ({"friction": (3.0, 30.0), "robot": robot}, ["friction is 3 to 30", "robot.stiffness is 80 N/m"]),
     ):  # fmt: skip
-        sentences = feasible.warnings(Task(**environment))
+        sentences = feasible.doubts(Task(**environment))
         assert len(sentences) == len(words), environment
         assert all(part in sentence for part, sentence in zip(words, sentences, strict=True))
 
