@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import tyro
 
-from agents.baselines import Clairvoyant, PaperTrapezoid, tuned
+from agents.baselines import RULES, Clairvoyant, PaperTrapezoid
 from agents.baselines.cmaes import Jittery, minimise
 from agents.baselines.rule import Floats, Rule, ranges_for
 from agents.evaluate.scenario_batch import TUNING_SEED, ScenarioBatch
 from agents.jobs import cached
-from agents.setups import Setup, load_setup, shipped
+from agents.setups import Setup, load_setup, shipped, tuned
 from impact_gym.quantities import QUANTITIES
 from impact_gym.support.command_line import command_of, run_command
 from impact_gym.support.files import locked
@@ -123,12 +123,12 @@ def tune(options: Tune) -> list[Path]:
         for weight in options.weights or setup.evaluation.weights:
             if f"{weight:g}" not in known:
                 missing.append((name, setup, weight))
-                what = {"rule": rule, "environment": setup.task.arguments(), "weight": weight, "rtol": rtol}
+                what = {"rule": rule.__name__, "environment": setup.task.arguments(), "weight": weight, "rtol": rtol}
                 arguments.append(what | options.search(name, setup))
 
     def write(place: int, result: dict[str, Any]) -> None:
         name, setup, weight = missing[place]
-        numbers = zip(tuned.RULES[setup.tuned[name].rule].names(), result["parameters"], strict=True)
+        numbers = zip(setup.tuned[name].rule.names(), result["parameters"], strict=True)
         search, where = options.search(name, setup), ((setup.called,), (name,), (weight,))
         alone = Tune(*where, search["scenarios"], search["budget"], options.population, options.seed)
         made = {"search": search, "command": command_of("tune", alone)}
@@ -195,7 +195,7 @@ def tune_one(
 ) -> dict[str, Any]:  # fmt: skip
     """Return the best parameters (k,) of a rule at one time weight, with scores and the number of generations."""
     task = Task(**{**environment, **(CLEAN_ALARM if clean_alarm else {})})
-    kind, rng, ranges = tuned.RULES[rule], np.random.default_rng((seed, 1)), ranges_for(task)
+    kind, rng, ranges = RULES[rule], np.random.default_rng((seed, 1)), ranges_for(task)
     options: Any = {"copies": population, "time_weight": [weight] * population, "threads": 1, "lenient": True}
     batch = ScenarioBatch(TUNING_SEED, scenarios, task.changed({"rtol": rtol}), **options)
 

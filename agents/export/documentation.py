@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agents.baselines import Rule
-from agents.baselines.tuned import FIXED, load_baseline, read_tuned, tuned_rule
+from agents.baselines import FIXED, Rule, tuned_rule
 from agents.policies import Policy, load_policy
 from agents.policies.networks import to_arrays
 from agents.setups import Setup, load_setup, owner, shipped, shipped_baselines
 from agents.setups.setup import UNSAID
+from agents.setups.tuned import read_tuned
 from impact_gym.support.provenance import todays
 from impact_gym.support.validation import nearest
 from impact_gym.task import QUANTITIES, ObservationSpec
@@ -123,7 +123,7 @@ def _plain(value: Any) -> str:
 def of_baseline(name: str, setup: Setup | None = None, folder: Path | None = None) -> Exported:
     """Return a tuned baseline (see `read_tuned`), or a baseline of FIXED for the environment of `setup`."""
     if name in FIXED:
-        rule: Any = load_baseline(name)
+        rule = FIXED[name]()
         return Exported(rule.for_task(setup.task) if setup else rule)
     content = read_tuned(name, folder, setup)
     validation = {weight: found.get("validation") for weight, found in content["weights"].items()}

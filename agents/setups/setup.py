@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 
+from agents.baselines import FIXED, RULES, BlindProfile, RangedProfile, Rule
 from agents.setups.evaluation import COMPLIANT, SET_UP_ARGUMENTS, Evaluation
 from agents.setups.keys import prefixed_errors, refuse_unknown, table, text
 from agents.setups.training import Training
@@ -29,22 +30,12 @@ BUDGET = 4800  # default of `Setup.budget`
 SEEDS, MOST_SEEDS = 10, 10_000  # default and largest `Setup.seeds`
 README = ("linear-blind", "linear-ranged", "bistable-blind", "paper-limits")
 """Set-ups that `impact-gym report` compares by default."""
-RULES = (
-    "BlindProfile", "ConstantDeceleration", "ConstantSpeed", "DetectorProfile", "DetectorRanged", "FilteredProfile",
-    "FirstReadingProfile", "Ranged", "RangedProfile",
-)  # fmt: skip
-"""Names of the rules in `agents.baselines` that a set-up may tune."""
-FIXED = {
-    "paper-trapezoid": "PaperTrapezoid", "random": "RandomActions", "local-brake": "LocalBrake",
-    "operator-alone": "OperatorAlone",
-}  # fmt: skip
-"""Baselines without parameters to tune, and their classes in `agents.baselines`."""
 
 
 class Tuned(NamedTuple):
     """A baseline that is tuned for a set-up."""
 
-    rule: str  # name of the rule, one of RULES
+    rule: type[Rule]  # one of RULES
     rtol: float = Task.rtol  # relative tolerance of simulations in the search; the validation uses the task's rtol
     clean_alarm: bool = False  # whether the exact contact force raises the alarm in search and validation
     jitter: float = 0.0  # standard deviation of errors added to actions in the search, as a fraction of their range
@@ -170,7 +161,7 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
     with prefixed_errors("environment"):
         task = Task(**environment)
     refuse_unknown("baselines.", baselines, ("against", "tuned", "bound", "budget"))
-    usual = {f"{path.stem}-profile": "BlindProfile" if task.range_noise is None else "RangedProfile"}
+    usual = {f"{path.stem}-profile": (BlindProfile if task.range_noise is None else RangedProfile).__name__}
     listed = table(baselines, "tuned", "baselines.") or usual
     tuned = dict[str, Tuned]()
     for name, given in listed.items():
@@ -242,14 +233,14 @@ def _tuned(name: str, given: Any, task: Task) -> Tuned:
     entry = {"rule": given} if isinstance(given, str) else given
     if not isinstance(entry, dict) or entry.get("rule") not in RULES:
         raise ValueError(
-            f"{name} must be a rule ({', '.join(RULES)}) or a table whose key rule is one, got {shown(given)}"
+            f"{name} must be a rule ({', '.join(sorted(RULES))}) or a table whose key rule is one, got {shown(given)}"
         )
     refuse_unknown(f"{name}.", entry, Tuned._fields)
     rtol = QUANTITIES["rtol"].check(entry.get("rtol", Task.rtol), f"{name}.rtol")
     flag(f"{name}.clean_alarm", clean_alarm := entry.get("clean_alarm", False))
-    for kind, argument in {"Ranged": "range_noise", "Detector": "deflection_sensor"}.items():
-        if kind in entry["rule"] and getattr(task, argument) in (None, False):
-            raise ValueError(f"{name}: {entry['rule']} needs environment.{argument}")
+    rule = RULES[entry["rule"]]
+    with prefixed_errors(name):
+        rule.refuse(ObservationSpec(task))
     jitter = number(f"{name}.jitter", entry.get("jitter", 0.0), "(no unit)", at_least=0.0, at_most=1.0)
     scenarios = whole(f"{name}.scenarios", entry.get("scenarios", Tuned._field_defaults["scenarios"]), at_least=1)
-    return Tuned(entry["rule"], rtol, clean_alarm, jitter, scenarios)
+    return Tuned(rule, rtol, clean_alarm, jitter, scenarios)

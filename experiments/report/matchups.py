@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from agents.baselines.tuned import BOUND_SET, FIXED, bound_of, read_tuned
+from agents.baselines import FIXED
 from agents.evaluate.play import controller_of, environment_and_scenarios, pairs, try_out
 from agents.evaluate.scenario_batch import TEST_SEED
 from agents.policies import Policy, load_ensemble, load_policy
 from agents.setups import TUNED, Setup, load_setup, shipped, shipped_baselines
 from agents.setups.evaluation import Evaluation
 from agents.setups.keys import prefixed_errors
+from agents.setups.tuned import BOUND_SET, bound_of, read_tuned
 from impact_gym.support.provenance import digest_of
 from impact_gym.support.validation import identifier, nearest, number
 from impact_gym.task import ObservationSpec, Task

@@ -11,8 +11,8 @@ import pytest
 from made_up_policies import made_up_policy
 
 from agents import load_setup
+from agents.baselines import FIXED, RULES
 from agents.baselines.rule import ranges_for
-from agents.baselines.tuned import FIXED, RULES
 from agents.export.c_header import write_header
 from agents.export.documentation import Exported, of_name
 from agents.export.replay import compiled, logged, replay
