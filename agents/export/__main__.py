@@ -15,8 +15,8 @@ from agents.export.onnx_graph import write_onnx
 from agents.export.replay import compiled, logged, replay
 from agents.policies.policy import Policy
 from agents.setups import load_setup
+from impact_gym.parameters import Count, Options
 from impact_gym.support.command_line import run_command
-from impact_gym.support.validation import whole
 
 Floats = NDArray[np.float32]
 AGREEMENT = 1e-6
@@ -27,7 +27,7 @@ OBSERVATIONS = 10_000
 
 
 @dataclass(frozen=True)
-class Export:
+class Export(Options):
     """Write a controller as a C header, and a policy (a neural network) also as an ONNX file."""
 
     controller: tyro.conf.Positional[str]
@@ -45,14 +45,13 @@ class Export:
     folder: Path | None = None
     """With --all: folder with the subfolders `policies` and `tuned` of the set-up. The default is the folder into
     which `impact-gym train --seeds` and `impact-gym tune` write."""
-    episodes: int = 10_000
+    episodes: Count = 10_000
     """Number of episodes in which the command compares the controller in C with the controller in Python."""
-    calls: int = 1_000_000
+    calls: Count = 1_000_000
     """Number of timed calls of the controller in C."""
 
     def __post_init__(self) -> None:
-        for name in ("episodes", "calls"):
-            whole(name, getattr(self, name), at_least=1)
+        super().__post_init__()
         if self.all and self.setup:
             raise ValueError(f"setup must be left out with --all, which takes a set-up as CONTROLLER, got {self.setup}")
         if self.folder and not self.all:

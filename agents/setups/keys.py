@@ -3,12 +3,14 @@
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import fields
 from difflib import get_close_matches
-from typing import Any
+from typing import Any, TypeVar
 
 from impact_gym.quantities import SCENARIO
 from impact_gym.support.validation import shown
 
+Record = TypeVar("Record")
 MOVED = {f"environment.{row.id}": f"environment.scenario.{row.id}" for row in SCENARIO}  # wrong keys, and right ones
 MOVED |= {"environment.time_weight": "training.time_weight", "environment.privileged": "training.informed_critic"}
 MOVED["scenario"] = "environment.scenario"
@@ -31,6 +33,13 @@ def refuse_unknown(prefix: str, given: Iterable[str], allowed: Iterable[str], ki
             nearest = [MOVED[prefix + key]] if prefix + key in MOVED else get_close_matches(key, names, 1)
             meant = f"; did you mean {nearest[0]!r}?" if nearest else "."
             raise ValueError(f"unknown {kind} {prefix}{shown(key)[1:-1]}{meant} Known are {', '.join(names)}")
+
+
+def from_table(kind: type[Record], content: Mapping[str, Any], place: str, others: Iterable[str] = ()) -> Record:
+    """Return the dataclass `kind` with the fields in a table (lists become tuples); `others` are further known keys."""
+    refuse_unknown(f"{place}.", content, [*others, *(item.name for item in fields(kind))])  # type: ignore[arg-type]
+    with prefixed_errors(place):
+        return kind(**{name: tuple(value) if isinstance(value, list) else value for name, value in content.items()})
 
 
 def table(content: Mapping[str, Any], name: str, prefix: str = "") -> dict[str, Any]:

@@ -6,17 +6,18 @@ from copy import deepcopy
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any
 
 import gymnasium as gym
 import numpy as np
 
 from agents.baselines import FIXED, RULES, BlindProfile, RangedProfile, Rule
 from agents.setups.evaluation import COMPLIANT, SET_UP_ARGUMENTS, Evaluation
-from agents.setups.keys import prefixed_errors, refuse_unknown, table, text
+from agents.setups.keys import from_table, prefixed_errors, refuse_unknown, table, text
 from agents.setups.training import Training
+from impact_gym.parameters import SI, Count, Options, Share
 from impact_gym.support.files import named_file, parsed
-from impact_gym.support.validation import distinct, flag, identifier, number, one_of, shown, whole
+from impact_gym.support.validation import distinct, identifier, number, one_of, shown
 from impact_gym.task import QUANTITIES, ObservationSpec, Task
 from impact_gym.teleop.channels import WAYS, columns_of
 
@@ -26,27 +27,27 @@ VERSION = 1
 TABLES = ("environment", "training", "baselines", "evaluation")
 INHERITED = ("environment", "training", "evaluation")
 """Tables whose keys a set-up inherits, see `_read`."""
-BUDGET = 4800  # default of `Setup.budget`
-SEEDS, MOST_SEEDS = 10, 10_000  # default and largest `Setup.seeds`
 README = ("linear-blind", "linear-ranged", "bistable-blind", "paper-limits")
 """Set-ups that `impact-gym report` compares by default."""
 
 
-class Tuned(NamedTuple):
+@dataclass(frozen=True)
+class Tuned(Options):
     """A baseline that is tuned for a set-up."""
 
     rule: type[Rule]  # one of RULES
-    rtol: float = Task.rtol  # relative tolerance of simulations in the search; the validation uses the task's rtol
+    # relative tolerance of simulations in the search; the validation uses the task's rtol
+    rtol: Annotated[float, QUANTITIES["rtol"]] = Task.rtol
     clean_alarm: bool = False  # whether the exact contact force raises the alarm in search and validation
-    jitter: float = 0.0  # standard deviation of errors added to actions in the search, as a fraction of their range
-    scenarios: int = 300  # number of scenarios that each candidate plays in the search
+    jitter: Share = 0.0  # standard deviation of errors added to actions in the search, as a fraction of their range
+    scenarios: Count = 300  # number of scenarios that each candidate plays in the search
 
 
 UNSAID = "see the report: impact-gym controller also writes one, else run impact-gym report"
 
 
 @dataclass(frozen=True)
-class Setup:
+class Setup(Options):
     """An arm, its training, and the baselines for comparison."""
 
     name: str
@@ -58,12 +59,12 @@ class Setup:
     against: tuple[str, ...] = ()  # names of compared baselines, besides the paper's rule; the first is the main rival
     # name of a set-up whose bound holds here; a bound is the lowest cost found for a controller that knows the object
     bound: str = ""
-    budget: int = BUDGET  # largest number of candidates in tuning for each time weight, rounded up to whole generations
+    budget: Count = 4800  # largest number of candidates in tuning for each time weight, rounded up to whole generations
     evaluation: Evaluation = field(default_factory=Evaluation)
     fails: str = UNSAID  # where the set-up's policy fails, in words
     path: Path = Path()
     mixed: tuple[tuple[float, Mapping[str, Any]], ...] = ()  # pairs: share of training environments, changed arguments
-    seeds: int = SEEDS  # number of trainings, with seeds from 0 on
+    seeds: Annotated[int, SI("-", at_least=1, at_most=10_000)] = 10  # number of trainings, with seeds from 0 on
 
     def make(self, **more: Any) -> gym.Env[Any, Any]:
         """Return the set-up's Gymnasium environment; arguments in `more` replace those of the set-up."""
@@ -172,10 +173,10 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
     distinct("baselines.against", against)
     title = text(content, "title", path.stem)
     mixed = _mixed(training.pop("mixed", []), task)
+    counts = {"seeds": training.pop("seeds")} if "seeds" in training else {}
+    counts |= {"budget": baselines["budget"]} if "budget" in baselines else {}
+    settings = Training().changed(training)
     with prefixed_errors("training"):
-        seeds = whole("seeds", training.pop("seeds", SEEDS), at_least=1)
-        number("seeds", seeds, "-", at_most=MOST_SEEDS)
-        settings = Training().changed(training)
         shares = settings.nominal + sum(share for share, _ in mixed)
         number("nominal and the shares in mixed, added up,", shares, "-", at_most=1)
     asked = Evaluation.of_table(evaluation, environment, COMPLIANT if path.parent == SHIPPED else None)
@@ -183,9 +184,8 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
         raise ValueError(f"training.nominal must be 0 without a table [evaluation.nominal], got {settings.nominal!r}")
     setup = Setup(
         path.stem, title, text(content, "about", title), environment, settings, tuned, tuple(against),
-        text(baselines, "bound", path.stem, "baselines."),
-        whole("baselines.budget", baselines.get("budget", BUDGET), at_least=1),
-        asked, text(content, "fails", UNSAID), path, mixed, seeds,
+        text(baselines, "bound", path.stem, "baselines."), evaluation=asked, fails=text(content, "fails", UNSAID),
+        path=path, mixed=mixed, **counts,
     )  # fmt: skip
     _refuse_unknown(setup, evaluation)
     return setup
@@ -231,16 +231,11 @@ def _refuse_unknown(setup: Setup, given: Mapping[str, Any]) -> None:
 
 def _tuned(name: str, given: Any, task: Task) -> Tuned:
     entry = {"rule": given} if isinstance(given, str) else given
-    if not isinstance(entry, dict) or entry.get("rule") not in RULES:
+    if not isinstance(entry, dict) or entry.get("rule") not in [*RULES]:
         raise ValueError(
             f"{name} must be a rule ({', '.join(sorted(RULES))}) or a table whose key rule is one, got {shown(given)}"
         )
-    refuse_unknown(f"{name}.", entry, Tuned._fields)
-    rtol = QUANTITIES["rtol"].check(entry.get("rtol", Task.rtol), f"{name}.rtol")
-    flag(f"{name}.clean_alarm", clean_alarm := entry.get("clean_alarm", False))
-    rule = RULES[entry["rule"]]
+    tuned = from_table(Tuned, {**entry, "rule": RULES[entry["rule"]]}, name)
     with prefixed_errors(name):
-        rule.refuse(ObservationSpec(task))
-    jitter = number(f"{name}.jitter", entry.get("jitter", 0.0), "(no unit)", at_least=0.0, at_most=1.0)
-    scenarios = whole(f"{name}.scenarios", entry.get("scenarios", Tuned._field_defaults["scenarios"]), at_least=1)
-    return Tuned(rule, rtol, clean_alarm, jitter, scenarios)
+        tuned.rule.refuse(ObservationSpec(task))
+    return tuned

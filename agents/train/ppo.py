@@ -34,11 +34,12 @@ from agents.train import checkpoint
 from agents.train.callback import TrainingCallback
 from agents.train.imitation import PPOWithImitation, Teacher
 from agents.train.networks import ACTIVATIONS, AsymmetricPolicy, Standardised, standardisation
+from impact_gym.parameters import Index, Options
 from impact_gym.sb3 import ImpactVecEnv
 from impact_gym.support.command_line import command_of, progress
 from impact_gym.support.files import locked, write_file, writing
 from impact_gym.support.provenance import circumstances, revision
-from impact_gym.support.validation import array, whole
+from impact_gym.support.validation import array
 from impact_gym.task import ObservationSpec, Task
 
 FIRST_SEED = 10_000_000
@@ -48,15 +49,12 @@ PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "stable-baselines3", "t
 
 
 @dataclass(frozen=True)
-class Run:
+class Run(Options):
     """One training: a set-up, settings and a seed."""
 
     setup: Setup
     training: Training
-    seed: int = 0  # seed of the training scenarios, the initial network and the exploration
-
-    def __post_init__(self) -> None:
-        whole("seed", self.seed, at_least=0)
+    seed: Index = 0  # seed of the training scenarios, the initial network and the exploration
 
     @cached_property
     def task(self) -> Task:
