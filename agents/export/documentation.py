@@ -1,6 +1,5 @@
 """Controllers to export, and the documentation: text for users in every exported file."""
 
-import hashlib
 import json
 from collections.abc import Iterator
 from dataclasses import asdict
@@ -9,7 +8,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from agents.baselines import FIXED, Rule, tuned_rule
@@ -18,6 +16,7 @@ from agents.policies.networks import to_arrays
 from agents.setups import Setup, load_setup, owner, shipped, shipped_baselines
 from agents.setups.setup import UNSAID
 from agents.setups.tuned import read_tuned
+from impact_gym.support.archive import checksum
 from impact_gym.support.provenance import todays
 from impact_gym.support.validation import nearest
 from impact_gym.task import QUANTITIES, ObservationSpec
@@ -75,11 +74,9 @@ class Exported:
     def documentation(self) -> dict[str, str]:
         """The entries by name. Each entry is JSON that is safe inside a comment in C, see `_plain`."""
         content = {name: _plain(value) for name, value in self._entries()}
-        digest = hashlib.sha256(json.dumps(content).encode())
         arrays = [self.controller.parameters] if isinstance(self.controller, Rule) else []
-        for array in to_arrays(self.policy.network).values() if self.policy else arrays:
-            digest.update(np.ascontiguousarray(array).tobytes())
-        return content | {"checksum": _plain(f"SHA-256 {digest.hexdigest()} of all of the above and the parameters")}
+        digest = checksum(json.dumps(content), *(to_arrays(self.policy.network).values() if self.policy else arrays))
+        return content | {"checksum": _plain(f"SHA-256 {digest} of all of the above and the parameters")}
 
     def _entries(self) -> Iterator[tuple[str, Any]]:
         task = self.task
@@ -121,14 +118,14 @@ def _plain(value: Any) -> str:
 
 
 def of_baseline(name: str, setup: Setup | None = None, folder: Path | None = None) -> Exported:
-    """Return a tuned baseline (see `read_tuned`), or a baseline of FIXED for the environment of `setup`."""
+    """Return a tuned baseline, by its name or file (see `read_tuned`), or one of FIXED for the task of `setup`."""
     if name in FIXED:
         rule = FIXED[name]()
         return Exported(rule.for_task(setup.task) if setup else rule)
     content = read_tuned(name, folder, setup)
     validation = {weight: found.get("validation") for weight, found in content["weights"].items()}
-    made_for = owner(name, setup)
-    command = f"impact-gym tune {made_for.called} --names {name}" if made_for else "impact-gym tune"
+    made_for = owner(content["baseline"], setup)
+    command = f"impact-gym tune {made_for.called} --names {content['baseline']}" if made_for else "impact-gym tune"
     return Exported(tuned_rule(content), validation, command)
 
 
@@ -136,10 +133,8 @@ def of_name(name: str, setup: Setup | None = None) -> Exported:
     """Return the controller that `name` means: a baseline, a tuned baseline's file, or a policy, see `load_policy`."""
     if setup and Path(name).stem not in (own := [*FIXED, *setup.tuned]):
         raise ValueError(f"{name} is no baseline of {setup.called}: leave out --setup, or name one of {', '.join(own)}")
-    if name in (*FIXED, *shipped_baselines(), *(setup.tuned if setup else ())):
+    if name in (*FIXED, *shipped_baselines(), *(setup.tuned if setup else ())) or name.endswith(".json"):
         return of_baseline(name, setup)
-    if name.endswith(".json"):
-        return of_baseline(Path(name).stem, setup, Path(name).parent)
     if name.endswith(".toml"):
         raise ValueError(f"{name} is a set-up: add --all, or name a controller")
     if not Path(name).exists() and name not in shipped():

@@ -4,7 +4,6 @@ The file of a tuned baseline is JSON with a checksum. The file of a bound holds,
 found for `Clairvoyant`, a rule that knows the scenario. Another controller could still have a lower cost.
 """
 
-import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,7 +13,7 @@ from agents.baselines import FIXED, RULES, Clairvoyant, Rule, tuned_rule
 from agents.baselines.rule import Floats, ranges_for
 from agents.policies import Controller
 from agents.setups.setup import TUNED, Setup, owner, shipped_baselines
-from impact_gym.support.archive import archive_of, read_archive
+from impact_gym.support.archive import archive_of, checksum, read_archive, refuse_altered
 from impact_gym.support.files import parsed, write_file
 from impact_gym.support.validation import nearest, number
 from impact_gym.task import Task
@@ -35,17 +34,18 @@ def load_baseline(name: str | Path, time_weight: float = 2.0, folder: Path | str
     number("time_weight", time_weight, "m/s per s", above=0)
     if name in FIXED:
         return FIXED[name]()
-    path, place = Path(folder or "", name), Path(folder) if folder else None
-    name, place = (path.stem, path.parent) if path.suffix == ".json" else (str(name), place)
-    return tuned_rule(read_tuned(name, place)).at(time_weight)
+    return tuned_rule(read_tuned(name, Path(folder) if folder else None)).at(time_weight)
 
 
-def read_tuned(name: str, folder: Path | None = None, setup: Setup | None = None) -> dict[str, Any]:
+def read_tuned(name: str | Path, folder: Path | None = None, setup: Setup | None = None) -> dict[str, Any]:
     """Return the content of a tuned baseline's file; its entry "weights" has the result for each time weight.
 
-    The file must fit the set-up that tunes the baseline, see `owner`. Default folder: the subfolder `tuned` of the
-    set-up's folder, or TUNED if no set-up tunes the baseline.
+    `name` is the baseline's name, or the path of its JSON file (in `folder`). The file must fit the set-up that tunes
+    the baseline, see `owner`. Default folder: the subfolder `tuned` of the set-up's folder, or TUNED if no set-up tunes
+    the baseline.
     """
+    path = Path(folder or "", name)
+    name, folder = (path.stem, path.parent) if path.suffix == ".json" else (str(name), folder)
     setup = owner(name, setup)
     path = (folder or (setup.folder / "tuned" if setup else TUNED)) / f"{name}.json"
     if setup is None and not path.is_file():
@@ -55,10 +55,7 @@ def read_tuned(name: str, folder: Path | None = None, setup: Setup | None = None
         raise ValueError(f"baseline {name!r} was not tuned (there is no file {path}): {remedy}")
     try:
         content: dict[str, Any] = parsed(path, "JSON", json.loads)
-        rest = {field: value for field, value in content.items() if field != "sha256"}
-        checksum = hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
-        if checksum != content["sha256"]:
-            raise ValueError(f"its checksum is {checksum}, not {content['sha256']}: it was altered or damaged")
+        refuse_altered(content["sha256"], {field: value for field, value in content.items() if field != "sha256"})
         task = Task(**content["environment"])
         expected = _description(name, setup.tuned[name].rule if setup else RULES[content["rule"]], task)
         other = [field for field, value in expected.items() if content[field] != value]
@@ -77,8 +74,7 @@ def write_tuned(name: str, weights: Mapping[str, Any], setup: Setup, folder: Pat
     ordered = {key: weights[key] for key in sorted(weights, key=float)}
     made_for = {**_description(name, setup.tuned[name].rule, setup.task), "environment": dict(setup.environment)}
     content = json.loads(json.dumps({**made_for, "weights": ordered}))
-    checksum = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-    text = json.dumps({**content, "sha256": checksum}, indent=2)
+    text = json.dumps({**content, "sha256": checksum(content)}, indent=2)
     return write_file(folder / f"{name}.json", text + "\n")
 
 

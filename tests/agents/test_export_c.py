@@ -152,10 +152,8 @@ def commands_by_hand(policy, readings, weight, by_reading):
 def test_faulty_readings_are_treated_as_the_contract_says(name, tmp_path):
     exported = Exported(made_up_policy(environment={"range_noise": 0.01, **FAULTY[name]}))
     program, weight = careless(exported, tmp_path), 2.0
-    said, by_reading = (
-        {key: json.loads(value) for key, value in exported.documentation.items()},
-        "alarm" in FAULTY[name],
-    )
+    said = {key: json.loads(value) for key, value in exported.documentation.items()}
+    by_reading = "alarm" in FAULTY[name]
     for part in ("not later than before, repeats the last command", "(NaN or infinite) keeps its last value",
                  "before the first value a number is 0",
                  "the alarm is on or off as read" if by_reading else "the alarm stays on"):  # fmt: skip
