@@ -32,12 +32,12 @@ class Parameters:
     """
 
     __slots__ = ()
-    path: ClassVar[str] = ""
+    rows: ClassVar[str] = ""  # `path`, with which the paths of its rows in `quantities` begin
     checked_by_itself: ClassVar[tuple[str, ...]] = ()
 
     def __init_subclass__(cls, path: str = "") -> None:
         if path:
-            cls.path = path
+            cls.rows = path
 
     def __post_init__(self) -> None:
         kind: Any = type(self)  # Any: mypy wrongly considers a dataclass unhashable
@@ -57,7 +57,7 @@ def _checks(kind: Any) -> list[tuple[str, bool, Callable[[Any], Any]]]:
     checks: list[tuple[str, bool, Callable[[Any], Any]]] = []
     for field in fields(kind):
         name = field.name if issubclass(kind, Options) else f"{kind.__name__}.{field.name}"
-        check = _check(name, field.type, f"{kind.path}.{field.name}")
+        check = _check(name, field.type, f"{kind.rows}.{field.name}")
         if check and field.name not in kind.checked_by_itself:
             checks.append((field.name, field.default is None, check))
     return checks
@@ -69,8 +69,8 @@ def _check(name: str, hint: Any, path: str) -> Callable[[Any], Any] | None:
     hint = hint.__origin__ if get_origin(hint) is Annotated else hint
     hint = get_args(hint)[0] if isinstance(hint, UnionType) else hint  # such as float | None
     if isinstance(described, SI | Quantity):
-        check: Callable[..., Any] = {float: number, int: _whole}.get(hint, numbers)
-        return partial(check, name, unit=described.unit, **described.limits._asdict())
+        by_type: dict[Any, Callable[..., Any]] = {float: number, int: _whole}
+        return partial(by_type.get(hint, numbers), name, unit=described.unit, **described.limits._asdict())
     if hint is bool or hint is str or get_origin(hint) is Literal:
         return partial(_word, name, hint)
     return None

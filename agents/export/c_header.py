@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, UndefinedError
 from numpy.typing import NDArray
 
 from agents.baselines import FilteredProfile, Rule, filtered, profile
@@ -46,22 +46,18 @@ def header(controller: Policy | Rule | Exported, name: str) -> str:
     wrap = textwrap.TextWrapper(118, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False).wrap
     lines = [line for entry, value in exported.documentation.items() for line in wrap(f"{entry}: {value}")]
     content = _network(exported.policy) if exported.policy else _rule(exported, name)
-    return c_text(
-        "controller.h.jinja",
-        documentation=lines,
-        actions=exported.actions,
-        name=name,
-        task=task,
-        inputs=len(spec),
-        controlled=has_controller(exported),
-        resolution=RESOLUTION,
-        fade=FADE,
-        clock=CLOCK,
-        fields=spec.sensors,
-        remembered=[field for field in ("force", "deflection") if f"{field}_1" in value_of],
-        scales=[_scale(entry, value_of[entry.id]) for entry in spec.entries] if has_controller(exported) else [],
-        **{"network": None, "lightest": exported.weights[0], **content},
-    )
+    content = {
+        "documentation": lines, "actions": exported.actions, "name": name, "task": task, "inputs": len(spec),
+        "controlled": has_controller(exported), "resolution": RESOLUTION, "fade": FADE, "clock": CLOCK,
+        "fields": spec.sensors, "remembered": [each for each in ("force", "deflection") if f"{each}_1" in value_of],
+        "scales": [_scale(entry, value_of[entry.id]) for entry in spec.entries] if has_controller(exported) else [],
+        "network": None, "lightest": exported.weights[0],
+    } | content  # fmt: skip
+    try:
+        return c_text("controller.h.jinja", **content)
+    except UndefinedError as error:
+        kind = type(exported.controller).__name__
+        raise ValueError(f"{kind} has no part in rule.h.jinja, so it cannot be exported: {error}") from error
 
 
 def _network(policy: Policy) -> dict[str, Any]:

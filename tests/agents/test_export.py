@@ -12,7 +12,8 @@ from made_up_policies import KINDS, made_up_policy, observations
 from refusal import refused
 
 from agents import load_policy, load_setup
-from agents.baselines import ConstantSpeed
+from agents.baselines import ConstantSpeed, Rule
+from agents.baselines.profile import REACTION, ReactingRule
 from agents.export import __main__ as exporting
 from agents.export.__main__ import Export, judged, judged_replay
 from agents.export.c_header import header
@@ -116,6 +117,19 @@ def test_rules_are_exported_for_the_users_arm(mine):
     setup = load_setup(mine)
     for name, exported in (of_setup(setup) | {"paper-trapezoid": of_name("paper-trapezoid", setup)}).items():
         assert exported.task == setup.task, name
+
+
+def test_rule_without_c_is_refused_by_name():
+    """Also if its parameters have the names of another rule's."""
+
+    class Mine(Rule):
+        PARAMETERS = ConstantSpeed.PARAMETERS
+
+    class OnProfile(ReactingRule):
+        PARAMETERS = REACTION
+
+    for rule in (Mine([0.5, 8.0, 8.0]), OnProfile([parameter.start for parameter in REACTION])):
+        refused(lambda rule=rule: header(rule, "it"), f"{type(rule).__name__} has no part in rule.h.jinja")
 
 
 def test_tuned_baseline_is_read_from_the_named_folder(tmp_path):
