@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 
 from impact_gym.support.archive import checksum
 from impact_gym.support.command_line import progress
-from impact_gym.support.files import DiskFullError, writing
+from impact_gym.support.files import DiskFullError, write_file
 from impact_gym.support.provenance import origin_of
 from impact_gym.support.validation import WrongTypeError, number, whole
 
@@ -147,12 +147,7 @@ def _answers(calls: Iterable[Call], folder: Path, keep_failures: bool, workers: 
             if isinstance(answer := pickle.loads(pickled), DiskFullError):
                 raise answer
             if keep_failures or not isinstance(answer, Failure):
-                path = _path(call, folder)
-                part = path.with_suffix(f".{os.getpid()}")
-                with writing(str(path)):
-                    folder.mkdir(parents=True, exist_ok=True)
-                    part.write_bytes(bytes.fromhex(checksum(pickled)) + pickled)
-                    part.replace(path)
+                write_file(_path(call, folder), bytes.fromhex(checksum(pickled)) + pickled)
             yield call, pickled
 
 
