@@ -131,17 +131,17 @@ class Rule:
         return twin
 
     def for_task(self, task: Task) -> Self:
-        """Return the same rule for a task; ValueError: see `refuse`."""
+        """Return the same rule for a task; ValueError: see `check_observed`."""
         twin = copy.copy(self)
         twin.task = task.changed({"privileged": True}) if "privileged" in self.NEEDS else task
         twin.spec = ObservationSpec(twin.task)
         if self.AT_LIMITS:
             twin.parameters = np.array([each.high for each in self.limited(ranges_for(task))])
-        self.refuse(twin.spec)
+        self.check_observed(twin.spec)
         return twin
 
     @classmethod
-    def refuse(cls, observed: ObservationSpec) -> None:
+    def check_observed(cls, observed: ObservationSpec) -> None:
         """Raise ValueError if an observation lacks a number that the rule needs."""
         if missing := [name for name in ObservationSpec(Task(**cls.NEEDS)).ids if name not in observed.ids]:
             arguments = ", ".join(f"{name} = {value}" for name, value in cls.NEEDS.items())

@@ -173,8 +173,7 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
     distinct("baselines.against", against)
     title = text(content, "title", path.stem)
     mixed = _mixed(training.pop("mixed", []), task)
-    counts = {"seeds": training.pop("seeds")} if "seeds" in training else {}
-    counts |= {"budget": baselines["budget"]} if "budget" in baselines else {}
+    counts = {name: of.pop(name) for name, of in (("seeds", training), ("budget", baselines)) if name in of}
     settings = Training().changed(training)
     with prefixed_errors("training"):
         shares = settings.nominal + sum(share for share, _ in mixed)
@@ -187,7 +186,7 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
         text(baselines, "bound", path.stem, "baselines."), evaluation=asked, fails=text(content, "fails", UNSAID),
         path=path, mixed=mixed, **counts,
     )  # fmt: skip
-    _refuse_unknown(setup, evaluation)
+    _check_names_and_weights(setup, evaluation)
     return setup
 
 
@@ -213,7 +212,7 @@ def _mixed(given: Any, task: Task) -> tuple[tuple[float, Mapping[str, Any]], ...
     return tuple(parts)
 
 
-def _refuse_unknown(setup: Setup, given: Mapping[str, Any]) -> None:
+def _check_names_and_weights(setup: Setup, given: Mapping[str, Any]) -> None:
     """Refuse unknown baselines and an unknown bound, and time weights outside the training's range."""
     low, high = setup.training.time_weight
     for name in ("weights", "typical", "curve"):
@@ -237,5 +236,5 @@ def _tuned(name: str, given: Any, task: Task) -> Tuned:
         )
     tuned = from_table(Tuned, {**entry, "rule": RULES[entry["rule"]]}, name)
     with prefixed_errors(name):
-        tuned.rule.refuse(ObservationSpec(task))
+        tuned.rule.check_observed(ObservationSpec(task))
     return tuned

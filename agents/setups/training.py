@@ -12,7 +12,6 @@ from impact_gym.support.validation import Range, fits_memory
 Activation = Literal["tanh", "relu"]
 SLOTS = 100_000
 """Largest number of environments of a training. `agents.train.ppo` reserves this many seeds for each training."""
-Threads = Annotated[int, SI("-", at_least=1, at_most=4096)]
 FEWEST = 8  # smallest length of an observation
 
 
@@ -68,7 +67,7 @@ class Training(Options):
     rtol: Annotated[float | None, QUANTITIES["rtol"]] = None
     """Relative error that the simulation allows in a contact during the training. Without this option, the training
     uses the value of the set-up's environment, as the validation always does."""
-    threads: Threads = 1
+    threads: Annotated[int, SI("-", at_least=1, at_most=4096)] = 1
     """Number of threads of PyTorch."""
     simulation_threads: Annotated[int | None, SI("-", at_least=1, at_most=4096)] = None
     """Largest number of threads that simulate the environments; with --seeds always 1. Default: one for each core. The
