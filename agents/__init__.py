@@ -2,6 +2,6 @@
 
 from agents import baselines
 from agents.policies.policy import Policy, load_policy
-from agents.setups import Setup, load_setup
+from agents.setups import Setup, load_baseline, load_setup
 
-__all__ = ["Policy", "Setup", "baselines", "load_policy", "load_setup"]
+__all__ = ["Policy", "Setup", "baselines", "load_baseline", "load_policy", "load_setup"]

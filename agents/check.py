@@ -14,8 +14,8 @@ from agents.baselines import PaperTrapezoid
 from agents.evaluate.scenario_batch import VALIDATION_SEED, ScenarioBatch
 from agents.setups import Setup, load_setup
 from agents.setups.evaluation import variants
-from agents.setups.feasible import corners, warnings
-from agents.setups.keys import within
+from agents.setups.feasible import corners, doubts
+from agents.setups.keys import prefixed_errors
 from agents.train.ppo import Run
 from impact_gym.quantities import QUANTITIES
 from impact_gym.support.command_line import run_command
@@ -66,11 +66,11 @@ def lines(setup: Setup) -> Iterator[str]:
         if name != "time_weight":
             yield f"  {name}: {ends}{'' if quantity.unit == '-' else f' {quantity.unit}'}, {how}"
     yield "\nwhat follows"
-    yield from (f"  warning: {sentence}" for sentence in warnings(task))
+    yield from (f"  warning: {sentence}" for sentence in doubts(task))
     lags = [1e3 * lag(corner) for corner in corners(task)]
     behind = " to ".join(dict.fromkeys((f"{min(lags):.3g}", f"{max(lags):.3g}")))
     yield f"  the tool lags {behind} mm behind at the full {task.acceleration_range[1]:g} m/s^2"
-    with within(f"{setup.called}: the paper's rule"):
+    with prefixed_errors(f"{setup.called}: the paper's rule"):
         played = ScenarioBatch.of("validation", SAMPLE, task).play(PaperTrapezoid().for_task(task))
     yield (
         f"  in {SAMPLE} scenarios, the paper's rule leaves the object {played.object_velocity.mean():.3f} m/s (mean),"

@@ -5,7 +5,6 @@ computes only the missing results. The nodes of a cluster need no common disk. R
 because the result is a pickle: give `cached` a folder that only you can write to.
 """
 
-import hashlib
 import inspect
 import json
 import logging
@@ -28,8 +27,9 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from impact_gym.support.archive import checksum
 from impact_gym.support.command_line import progress
-from impact_gym.support.files import DiskFullError, writing
+from impact_gym.support.files import DiskFullError, write_file
 from impact_gym.support.provenance import origin_of
 from impact_gym.support.validation import WrongTypeError, number, whole
 
@@ -147,25 +147,19 @@ def _answers(calls: Iterable[Call], folder: Path, keep_failures: bool, workers: 
             if isinstance(answer := pickle.loads(pickled), DiskFullError):
                 raise answer
             if keep_failures or not isinstance(answer, Failure):
-                path = _path(call, folder)
-                part = path.with_suffix(f".{os.getpid()}")
-                with writing(str(path)):
-                    folder.mkdir(parents=True, exist_ok=True)
-                    part.write_bytes(hashlib.sha256(pickled).digest() + pickled)
-                    part.replace(path)
+                write_file(_path(call, folder), bytes.fromhex(checksum(pickled)) + pickled)
             yield call, pickled
 
 
 def _path(call: Call, folder: Path) -> Path:
-    key = json.dumps([call.function, call.arguments, call.depends])
-    return folder / f"{hashlib.sha256(key.encode()).hexdigest()}.pkl"
+    return folder / f"{checksum([call.function, call.arguments, call.depends])}.pkl"
 
 
 def _stored(call: Call, folder: Path) -> bytes | None:
     """Return the stored result of a call; None: no stored result, or a wrong checksum."""
     path = _path(call, folder)
     content = path.read_bytes() if path.is_file() else None
-    if content is None or hashlib.sha256(content[32:]).digest() == content[:32]:
+    if content is None or checksum(content[32:]) == content[:32].hex():
         return content and content[32:]
     stored = f"the stored result of {call.function} {call.arguments[:400]}"
     print(f"computed anew: {stored} in {folder} is damaged", file=sys.stderr)

@@ -4,22 +4,24 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import tyro
 
-from agents.baselines import Clairvoyant, PaperTrapezoid, tuned
+from agents.baselines import RULES, Clairvoyant, PaperTrapezoid
 from agents.baselines.cmaes import Jittery, minimise
 from agents.baselines.rule import Floats, Rule, ranges_for
 from agents.evaluate.scenario_batch import TUNING_SEED, ScenarioBatch
 from agents.jobs import cached
-from agents.setups import Setup, load_setup, shipped
+from agents.setups import Setup, load_setup, shipped, tuned
+from agents.setups.evaluation import Weights
+from impact_gym.parameters import SI, Index, Options
 from impact_gym.quantities import QUANTITIES
 from impact_gym.support.command_line import command_of, run_command
 from impact_gym.support.files import locked
 from impact_gym.support.provenance import circumstances, digest_of
-from impact_gym.support.validation import distinct, nearest, number, whole
+from impact_gym.support.validation import distinct, nearest
 from impact_gym.task import Task
 
 SETUPS = shipped()
@@ -35,25 +37,25 @@ SEARCHED = ("impact_gym", "agents.baselines", "agents.evaluate", "agents.tune")
 
 
 @dataclass(frozen=True)
-class Tune:
+class Tune(Options):
     """Tune the baselines (controllers that are not learned) of set-ups, each baseline for several time weights."""
 
     setups: tyro.conf.Positional[tuple[str, ...]] = SETUPS
     """Names of shipped set-ups, or files of set-ups."""
     names: tuple[str, ...] = ()
     """Baselines to tune. Without this option, the command tunes all baselines of the set-ups."""
-    weights: tuple[float, ...] = ()
+    weights: Weights = ()
     """Time weights, m/s per s. A time weight is the cost of a second until the touch. Without this option, the weights
     are `evaluation.weights` of the set-up."""
-    scenarios: int | None = None
+    scenarios: Annotated[int | None, SI("-", at_least=1)] = None
     """Number of scenarios in which the search tries each candidate (a set of parameters). Without this option, the
     number comes from the set-up."""
-    budget: int | None = None
+    budget: Annotated[int | None, SI("-", at_least=1)] = None
     """Largest number of candidates for each time weight, rounded up to a multiple of --population. Without this option,
     the number is `baselines.budget` of the set-up."""
-    population: int = 16
+    population: Annotated[int, SI("-", at_least=4)] = 16
     """Number of candidates in each generation of the search (CMA-ES)."""
-    seed: int = 1
+    seed: Index = 1
     """Seed of the random numbers in the search."""
     bound: bool = False
     """Also search for the bound: the lowest cost found for a controller that knows the scenario. A set-up that
@@ -61,7 +63,7 @@ class Tune:
     at_rule_time: bool = False
     """Also tune each baseline for at most eight more time weights. The aim is a mean approach time at most 5 ms
     below that of the paper's rule, and another at most 5 ms above."""
-    processes: int = 2
+    processes: Index = 2
     """Number of searches at the same time on this machine, each on one core. 0: the searches run in this process."""
     cluster: str | None = None
     """Address of a Ray cluster. "ray": the address in RAY_ADDRESS, or else the cluster of this machine."""
@@ -72,11 +74,7 @@ class Tune:
     """Folder in which the command stores finished searches."""
 
     def __post_init__(self) -> None:
-        for name, least in (("processes", 0), ("population", 4), ("seed", 0), ("scenarios", 1), ("budget", 1)):
-            if getattr(self, name) is not None or name not in ("scenarios", "budget"):
-                whole(name, getattr(self, name), at_least=least)
-        for weight in self.weights:
-            number("weights", weight, "m/s per s", above=0)
+        super().__post_init__()
         distinct("weights", [f"{weight:g}" for weight in self.weights])
         distinct("setups", self.setups)
         distinct("names", self.names)
@@ -119,16 +117,16 @@ def tune(options: Tune) -> list[Path]:
     """Tune baselines for the time weights that lack a result with these settings; return the paths of the files."""
     setups, missing, arguments = options.baselines(), [], []
     for name, setup in setups.items():
-        known, (rule, rtol, *_) = _tuned_before(name, setup, options), setup.tuned[name]
+        known, baseline = _tuned_before(name, setup, options), setup.tuned[name]
         for weight in options.weights or setup.evaluation.weights:
             if f"{weight:g}" not in known:
                 missing.append((name, setup, weight))
-                what = {"rule": rule, "environment": setup.task.arguments(), "weight": weight, "rtol": rtol}
-                arguments.append(what | options.search(name, setup))
+                what = {"rule": baseline.rule.__name__, "environment": setup.task.arguments(), "weight": weight}
+                arguments.append(what | {"rtol": baseline.rtol} | options.search(name, setup))
 
     def write(place: int, result: dict[str, Any]) -> None:
         name, setup, weight = missing[place]
-        numbers = zip(tuned.RULES[setup.tuned[name].rule].names(), result["parameters"], strict=True)
+        numbers = zip(setup.tuned[name].rule.names(), result["parameters"], strict=True)
         search, where = options.search(name, setup), ((setup.called,), (name,), (weight,))
         alone = Tune(*where, search["scenarios"], search["budget"], options.population, options.seed)
         made = {"search": search, "command": command_of("tune", alone)}
@@ -195,7 +193,7 @@ def tune_one(
 ) -> dict[str, Any]:  # fmt: skip
     """Return the best parameters (k,) of a rule at one time weight, with scores and the number of generations."""
     task = Task(**{**environment, **(CLEAN_ALARM if clean_alarm else {})})
-    kind, rng, ranges = tuned.RULES[rule], np.random.default_rng((seed, 1)), ranges_for(task)
+    kind, rng, ranges = RULES[rule], np.random.default_rng((seed, 1)), ranges_for(task)
     options: Any = {"copies": population, "time_weight": [weight] * population, "threads": 1, "lenient": True}
     batch = ScenarioBatch(TUNING_SEED, scenarios, task.changed({"rtol": rtol}), **options)
 

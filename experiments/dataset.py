@@ -24,10 +24,11 @@ from minari.storage import get_dataset_path
 from tqdm import tqdm
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
-from agents.baselines.tuned import read_tuned
+from agents.baselines import FIXED
 from agents.evaluate.play import controller_of
 from agents.policies import Controller, load_policy
-from agents.setups import FIXED, Setup, load_setup, shipped_baselines
+from agents.setups import Setup, load_setup, shipped_baselines
+from agents.setups.tuned import read_tuned
 from experiments.play import try_files
 from impact_gym.envs import IDS
 from impact_gym.support.command_line import run_command

@@ -10,8 +10,8 @@ from refusal import refused
 from solver_scenes import scene
 
 import impact_gym as ig
-from agents.baselines.tuned import load_baseline
 from agents.check import lag
+from agents.setups import load_baseline
 from experiments.reference.chain import Chain
 from impact_gym import kernels, to_kernel
 from impact_gym.couplings import COUPLINGS, Coupling

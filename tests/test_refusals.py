@@ -17,7 +17,7 @@ from refusal import Allowed, changed, check_number, refused
 from refused_calls import CALLS, value_of
 
 import impact_gym as ig
-from agents import setups
+from agents.baselines import RULES
 from impact_gym.support.validation import shown
 from impact_gym.task import Task
 from impact_gym.task.task import PARTS
@@ -110,9 +110,8 @@ def test_description_of_a_record_names_its_kind_and_fields(argument, kinds):
             refused(partial(Task, **{argument: {"type": kind.__name__}}), argument, "needs", repr(name))
 
 
-@pytest.mark.parametrize("rule", setups.RULES)
-def test_rule_takes_each_parameter_up_to_its_limits(rule):
-    kind = resolve_name(f"agents.baselines:{rule}")
+@pytest.mark.parametrize("kind", RULES.values(), ids=RULES)
+def test_rule_takes_each_parameter_up_to_its_limits(kind):
     start = [parameter.start for parameter in kind.PARAMETERS]
     for place, parameter in enumerate(kind.PARAMETERS):
         allowed = Allowed(parameter.unit, at_least=parameter.low, at_most=parameter.high)

@@ -6,13 +6,13 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from agents.baselines.rule import SLOWEST, Parameter, Rule, View
+from agents.baselines.rule import FIXED, SLOWEST, Parameter, Rule, View
 from impact_gym.support.validation import number
 from impact_gym.task import Task
 from impact_gym.task.task import ACCELERATION_RANGE, VELOCITY_RANGE
 
 
-class ConstantSpeed(Rule):
+class ConstantSpeed(Rule, tunable=True):
     """Approach at one speed; while the alarm is on, brake to rest."""
 
     PARAMETERS = (
@@ -39,14 +39,14 @@ class ConstantSpeed(Rule):
         return np.where(view.alarm, 0.0, self["speed"]), change
 
 
-class PaperTrapezoid(ConstantSpeed):
+class PaperTrapezoid(ConstantSpeed, name="paper-trapezoid"):
     """The paper's rule (section 3.2): accelerate at 8 m/s^2 to 1 m/s; during the alarm, brake at 8 m/s^2 to rest."""
 
     def __init__(self) -> None:
         super().__init__(speed=1.0, acceleration=8.0)
 
 
-class LocalBrake(ConstantSpeed):
+class LocalBrake(ConstantSpeed, name="local-brake"):
     """Follow the operator's command; while the alarm is on, brake to rest at the arm's largest deceleration."""
 
     AT_LIMITS = True
@@ -55,7 +55,7 @@ class LocalBrake(ConstantSpeed):
         super().__init__(VELOCITY_RANGE[1], ACCELERATION_RANGE[1])
 
 
-class OperatorAlone(Rule):
+class OperatorAlone(Rule, name="operator-alone"):
     """Follow the operator's command with a gain of 1."""
 
     AT_LIMITS = True
@@ -80,10 +80,17 @@ class RandomActions:
 
     def __init__(self, seed: int = 0, task: Task | None = None) -> None:
         """Make a controller; default `task`: that of `ImpactApproach-v0`."""
-        self._rng, self._size = np.random.default_rng(seed), len((task or Task()).action)
+        self._seed, self._rng, self._size = seed, np.random.default_rng(seed), len((task or Task()).action)
+
+    def for_task(self, task: Task) -> "RandomActions":
+        """Return a controller for another task, from the same seed."""
+        return RandomActions(self._seed, task)
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[NDArray[np.float32], Any]:
         """Return an action (k,), or the actions (n, k) of a batch, and `state`."""
         return self._rng.uniform(-1.0, 1.0, (*np.shape(observation)[:-1], self._size)).astype(np.float32), state
+
+
+FIXED["random"] = RandomActions

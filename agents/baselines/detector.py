@@ -70,13 +70,13 @@ class DetectorRule(ReactingRule):
         return touched, [np.where(touched, 0.0, total), count, learnt, squares]
 
 
-class DetectorProfile(DetectorRule, BlindProfile):
+class DetectorProfile(DetectorRule, BlindProfile, tunable=True):
     """`BlindProfile` with the alarm of a detector."""
 
     PARAMETERS = (*BlindProfile.PARAMETERS, *DETECTOR)
 
 
-class DetectorRanged(DetectorRule, StretchedProfile):
+class DetectorRanged(DetectorRule, StretchedProfile, tunable=True):
     """`StretchedProfile` with the alarm of a detector."""
 
     NEEDS: ClassVar[Mapping[str, Any]] = {

@@ -18,7 +18,7 @@ from agents.baselines.rule import CLOCK, Floats, View
 KEPT = 32  # number of the latest control steps that the filter remembers; a reading from an earlier step is not used
 
 
-class FilteredProfile(StretchedProfile):
+class FilteredProfile(StretchedProfile, tunable=True):
     """`StretchedProfile` with the distance that a filter estimates from the range readings."""
 
     NEEDS: ClassVar[Mapping[str, Any]] = {"range_sensor": {"noise": 0.01}}
@@ -69,7 +69,7 @@ class FilteredProfile(StretchedProfile):
         return a * deflection + b * rate + c * gained, d * deflection + e * rate + f * gained
 
 
-class FirstReadingProfile(FilteredProfile):
+class FirstReadingProfile(FilteredProfile, tunable=True):
     """`FilteredProfile` whose filter uses only the first valid reading of an episode."""
 
     READINGS = 1

@@ -60,7 +60,7 @@ GAPS: Floats = np.array([-0.02, -0.01, 0.0, 0.01, 0.02, 0.04])
 """Corners of the profile of `Clairvoyant`: the object's distance minus the flange's position (m)."""
 
 
-class BlindProfile(ReactingRule):
+class BlindProfile(ReactingRule, tunable=True):
     """Follow a piecewise linear profile over the flange's position."""
 
     PARAMETERS = (
@@ -74,7 +74,7 @@ class BlindProfile(ReactingRule):
         return interpolate(self.placed(KNOTS), self.columns(self.PARAMETERS[0].name, len(KNOTS)), position)
 
 
-class ConstantDeceleration(ReactingRule):
+class ConstantDeceleration(ReactingRule, tunable=True):
     """Brake with constant deceleration to the `lowest speed` at the position `end`."""
 
     PARAMETERS = (
@@ -93,7 +93,7 @@ class ConstantDeceleration(ReactingRule):
         return np.minimum(braking, self["top speed"])
 
 
-class Ranged(ReactingRule):
+class Ranged(ReactingRule, tunable=True):
     """Brake with constant deceleration to the `contact speed`, reached `margin` (m) before the estimated place."""
 
     NEEDS: ClassVar[Mapping[str, Any]] = {"range_noise": 0.01}
@@ -113,7 +113,7 @@ class Ranged(ReactingRule):
         return np.minimum(braking, np.maximum(self["top speed"], self["contact speed"]))
 
 
-class RangedProfile(ReactingRule):
+class RangedProfile(ReactingRule, tunable=True):
     """Follow a piecewise linear profile over the position relative to the object's estimated place."""
 
     NEEDS: ClassVar[Mapping[str, Any]] = {"range_noise": 0.01}

@@ -58,6 +58,12 @@ class View:
         return self["alarm"] > 0.5
 
 
+RULES: dict[str, type["Rule"]] = {}
+"""The rules that a set-up may tune, by the name of the class."""
+FIXED: dict[str, Any] = {}
+"""The classes of baselines without parameters to tune, by the name of the baseline."""
+
+
 class Rule:
     """A controller with a few parameters, each within its limits."""
 
@@ -70,6 +76,13 @@ class Rule:
     """Whether `for_task` sets all parameters to their upper limits for the task's arm."""
     weights: Sequence[float] = ()
     """Time weights (m/s per s), ascending, for which the rows of `parameters` (weights, k) were tuned; see `at`."""
+
+    def __init_subclass__(cls, tunable: bool = False, name: str = "") -> None:
+        """Enter a `tunable` class into RULES, and a class with the `name` of a baseline into FIXED."""
+        if tunable:
+            RULES[cls.__name__] = cls
+        if name:
+            FIXED[name] = cls
 
     def __init__(self, parameters: ArrayLike, ranges: Mapping[str, Range] = USUAL) -> None:
         """Make a controller from `parameters` (k,) or (rows, k); TypeError, ValueError: invalid ones, see `limited`."""
@@ -118,18 +131,22 @@ class Rule:
         return twin
 
     def for_task(self, task: Task) -> Self:
-        """Return the same rule for a task; ValueError: the task's observation lacks a number that the rule needs."""
-        kind: Any = type(self)
+        """Return the same rule for a task; ValueError: see `check_observed`."""
         twin = copy.copy(self)
         twin.task = task.changed({"privileged": True}) if "privileged" in self.NEEDS else task
         twin.spec = ObservationSpec(twin.task)
         if self.AT_LIMITS:
             twin.parameters = np.array([each.high for each in self.limited(ranges_for(task))])
-        if missing := [name for name in ObservationSpec(Task(**kind.NEEDS)).ids if name not in twin.spec.ids]:
-            arguments = ", ".join(f"{name} = {value}" for name, value in self.NEEDS.items())
-            what = f"{kind.__name__} needs {', '.join(missing)}"
-            raise ValueError(f"{what}, which this environment does not observe: make it with, for example, {arguments}")
+        self.check_observed(twin.spec)
         return twin
+
+    @classmethod
+    def check_observed(cls, observed: ObservationSpec) -> None:
+        """Raise ValueError if an observation lacks a number that the rule needs."""
+        if missing := [name for name in ObservationSpec(Task(**cls.NEEDS)).ids if name not in observed.ids]:
+            arguments = ", ".join(f"{name} = {value}" for name, value in cls.NEEDS.items())
+            what = f"{cls.__name__} needs {', '.join(missing)}"
+            raise ValueError(f"{what}, which this environment does not observe: make it with, for example, {arguments}")
 
     def placed(self, position: Floats) -> Floats:
         """Map a position (m), given for objects in the range DISTANCES, to the task's range of distances."""
@@ -177,3 +194,17 @@ def interpolate(knots: Floats, values: Floats, at: Floats) -> Floats:
     table = np.broadcast_to(values, (*np.shape(at), len(knots)))
     left, right = (np.take_along_axis(table, side[..., None], axis=-1)[..., 0] for side in (place, place + 1))
     return left + share * (right - left)
+
+
+def tuned_rule(content: Mapping[str, Any]) -> Rule:
+    """Return the rule from the content of a tuned baseline's file, with its parameters for all time weights."""
+    if not content["weights"]:
+        raise ValueError(f"the file of baseline {content['baseline']!r} has no time weight: run impact-gym tune")
+    tuned = {float(weight): found["parameters"] for weight, found in content["weights"].items()}
+    # the order of the parameters in an entry of "weights" may differ from that in "parameters"
+    weights, names = sorted(tuned), [parameter["name"] for parameter in content["parameters"]]
+    table = [[tuned[weight][name] for name in names] for weight in weights]
+    task = Task(**content["environment"])
+    rule = RULES[content["rule"]].of(table, ranges_for(task)).for_task(task)
+    rule.weights = weights
+    return rule

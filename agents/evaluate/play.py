@@ -20,12 +20,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.baselines import Clairvoyant, RandomActions
-from agents.baselines.rule import ANY, Rule
-from agents.baselines.tuned import load_baseline, tuned_rule
+from agents.baselines import Clairvoyant, RandomActions, Rule, tuned_rule
+from agents.baselines.rule import ANY
 from agents.evaluate.scenario_batch import MEASURED, ScenarioBatch
 from agents.policies import Controller, Ensemble
 from agents.policies.policy import FORMAT
+from agents.setups import load_baseline
 from impact_gym.support.archive import unpacked
 from impact_gym.support.validation import shown
 from impact_gym.task import ScenarioRanges, Task, evaluation_sets
@@ -102,7 +102,7 @@ def controller_of(spec: Mapping[str, Any], time_weight: float, task: Task | None
         raise ValueError(f"no controller of the kind {kind!r}")
     controller = KINDS[kind](value, time_weight)
     if task and isinstance(controller, RandomActions):
-        return RandomActions(task=task)
+        return controller.for_task(task)
     if task and isinstance(controller, Rule):
         known = controller.task.by_path() if kind == "tuned" else {}
         kept = {name: known[name] for name in controller.KNOWS if name in known}

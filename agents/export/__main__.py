@@ -10,13 +10,13 @@ import tyro
 from numpy.typing import NDArray
 
 from agents.export.c_header import has_controller, write_header
-from agents.export.contract import Subject, of_name, of_setup
+from agents.export.documentation import Exported, of_name, of_setup
 from agents.export.onnx_graph import write_onnx
 from agents.export.replay import compiled, logged, replay
 from agents.policies.policy import Policy
 from agents.setups import load_setup
+from impact_gym.parameters import Count, Options
 from impact_gym.support.command_line import run_command
-from impact_gym.support.validation import whole
 
 Floats = NDArray[np.float32]
 AGREEMENT = 1e-6
@@ -27,7 +27,7 @@ OBSERVATIONS = 10_000
 
 
 @dataclass(frozen=True)
-class Export:
+class Export(Options):
     """Write a controller as a C header, and a policy (a neural network) also as an ONNX file."""
 
     controller: tyro.conf.Positional[str]
@@ -45,14 +45,13 @@ class Export:
     folder: Path | None = None
     """With --all: folder with the subfolders `policies` and `tuned` of the set-up. The default is the folder into
     which `impact-gym train --seeds` and `impact-gym tune` write."""
-    episodes: int = 10_000
+    episodes: Count = 10_000
     """Number of episodes in which the command compares the controller in C with the controller in Python."""
-    calls: int = 1_000_000
+    calls: Count = 1_000_000
     """Number of timed calls of the controller in C."""
 
     def __post_init__(self) -> None:
-        for name in ("episodes", "calls"):
-            whole(name, getattr(self, name), at_least=1)
+        super().__post_init__()
         if self.all and self.setup:
             raise ValueError(f"setup must be left out with --all, which takes a set-up as CONTROLLER, got {self.setup}")
         if self.folder and not self.all:
@@ -86,18 +85,18 @@ def run(options: Export) -> list[Path]:
     else:
         setup = load_setup(options.setup) if options.setup else None
         found = {Path(options.controller).stem: of_name(options.controller, setup)}
-    return [path for name, subject in found.items() for path in export(subject, options, name)]
+    return [path for name, exported in found.items() for path in export(exported, options, name)]
 
 
-def export(subject: Subject, options: Export, name: str) -> list[Path]:
+def export(exported: Exported, options: Export, name: str) -> list[Path]:
     """Write and check the files of one controller, and return their paths."""
-    header, policy = options.out / f"{name}.h", subject.policy
-    write_header(subject, header)
+    header, policy = options.out / f"{name}.h", exported.policy
+    write_header(exported, header)
     with TemporaryDirectory() as folder:
-        program = compiled(subject, header, Path(folder))
-        controller = program if has_controller(subject) else None
-        played = replay(subject, controller, logged(subject, options.episodes), options.calls) if controller else None
-        print(judged_replay(header, played, options.episodes, subject.task.control_period))
+        program = compiled(exported, header, Path(folder))
+        controller = program if has_controller(exported) else None
+        played = replay(exported, controller, logged(exported, options.episodes), options.calls) if controller else None
+        print(judged_replay(header, played, options.episodes, exported.task.control_period))
         if policy is None:
             return [header]
         drawn = np.random.default_rng(0).uniform(policy.spec.scaled_low, 1.0, (OBSERVATIONS, policy.inputs))
@@ -107,7 +106,7 @@ def export(subject: Subject, options: Export, name: str) -> list[Path]:
         if program:
             program.act(len(observed), observed.ctypes, in_c.ctypes)
     allowed = AGREEMENT + rounding(policy, observed, actions)
-    graph = write_onnx(subject, options.out / f"{name}.onnx")
+    graph = write_onnx(exported, options.out / f"{name}.onnx")
     print(judged(header, in_c if program else None, "no C compiler is here", actions, allowed))
     print(judged(graph, network_in_onnx(graph, observed), "the package onnxruntime is missing", actions, allowed))
     return [header, graph]

@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, UndefinedError
 from numpy.typing import NDArray
 
 from agents.baselines import FilteredProfile, Rule, filtered, profile
 from agents.baselines import rule as rules
-from agents.export.contract import Subject
+from agents.export.documentation import Exported
 from agents.policies.policy import Policy
 from impact_gym.quantities import Quantity
 from impact_gym.support.files import write_file
@@ -34,34 +34,30 @@ def identifier(name: str) -> str:
     return re.sub(r"\W", "_", re.sub(r"^(?=\d)", "policy_", name), flags=re.ASCII)
 
 
-def write_header(controller: Policy | Rule | Subject, path: Path) -> Path:
+def write_header(controller: Policy | Rule | Exported, path: Path) -> Path:
     """Write the header to `path`; its functions and constants have names that begin with `identifier(path.stem)`."""
     return write_file(path, header(controller, identifier(path.stem)).encode("ascii"))
 
 
-def header(controller: Policy | Rule | Subject, name: str) -> str:
+def header(controller: Policy | Rule | Exported, name: str) -> str:
     """Return the text of the header; the names of its functions and constants begin with `name`."""
-    subject = controller if isinstance(controller, Subject) else Subject(controller)
-    task, spec, value_of = subject.task, subject.spec, values(subject.spec)
+    exported = controller if isinstance(controller, Exported) else Exported(controller)
+    task, spec, value_of = exported.task, exported.spec, values(exported.spec)
     wrap = textwrap.TextWrapper(118, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False).wrap
-    lines = [line for entry, value in subject.contract.items() for line in wrap(f"{entry}: {value}")]
-    content = _network(subject.policy) if subject.policy else _rule(subject, name)
-    return c_text(
-        "controller.h.jinja",
-        contract=lines,
-        actions=subject.actions,
-        name=name,
-        task=task,
-        inputs=len(spec),
-        controlled=has_controller(subject),
-        resolution=RESOLUTION,
-        fade=FADE,
-        clock=CLOCK,
-        fields=spec.sensors,
-        remembered=[field for field in ("force", "deflection") if f"{field}_1" in value_of],
-        scales=[_scale(entry, value_of[entry.id]) for entry in spec.entries] if has_controller(subject) else [],
-        **{"network": None, "lightest": subject.weights[0], **content},
-    )
+    lines = [line for entry, value in exported.documentation.items() for line in wrap(f"{entry}: {value}")]
+    content = _network(exported.policy) if exported.policy else _rule(exported, name)
+    content = {
+        "documentation": lines, "actions": exported.actions, "name": name, "task": task, "inputs": len(spec),
+        "controlled": has_controller(exported), "resolution": RESOLUTION, "fade": FADE, "clock": CLOCK,
+        "fields": spec.sensors, "remembered": [each for each in ("force", "deflection") if f"{each}_1" in value_of],
+        "scales": [_scale(entry, value_of[entry.id]) for entry in spec.entries] if has_controller(exported) else [],
+        "network": None, "lightest": exported.weights[0],
+    } | content  # fmt: skip
+    try:
+        return c_text("controller.h.jinja", **content)
+    except UndefinedError as error:
+        kind = type(exported.controller).__name__
+        raise ValueError(f"{kind} has no part in rule.h.jinja, so it cannot be exported: {error}") from error
 
 
 def _network(policy: Policy) -> dict[str, Any]:
@@ -77,23 +73,23 @@ def _network(policy: Policy) -> dict[str, Any]:
     }
 
 
-def _rule(subject: Subject, name: str) -> dict[str, Any]:
-    rule: Any = subject.controller
-    if not has_controller(subject):
+def _rule(exported: Exported, name: str) -> dict[str, Any]:
+    rule: Any = exported.controller
+    if not has_controller(exported):
         raise ValueError(f"{type(rule).__name__} uses values that no sensor measures, so it cannot be exported")
-    value_of, swings = values(subject.spec), subject.task.coupling.oscillator(subject.task.tool_mass) is not None
+    value_of, swings = values(exported.spec), exported.task.coupling.oscillator(exported.task.tool_mass) is not None
     return {
         "rule": rule,
         "kinds": [kind.__name__ for kind in type(rule).__mro__],
         "place": {label: number for number, label in enumerate(rule.names())},
-        "weights": np.log(subject.weights).tolist(),
+        "weights": np.log(exported.weights).tolist(),
         "tuned": np.atleast_2d(rule.parameters).tolist(),
-        "seen": {entry.id: _seen(entry, value_of[entry.id], name) for entry in subject.spec.entries},
+        "seen": {entry.id: _seen(entry, value_of[entry.id], name) for entry in exported.spec.entries},
         "swing": np.stack(rule.swing(*np.eye(3))).tolist() if isinstance(rule, FilteredProfile) and swings else None,
         "profile": profile,
         "filtered": filtered,
         "rules": rules,
-        "ranges": rules.ranges_for(subject.task),
+        "ranges": rules.ranges_for(exported.task),
     }
 
 
@@ -112,9 +108,9 @@ def _templates(folder: Path) -> Environment:
     return templates
 
 
-def has_controller(subject: Subject) -> bool:
+def has_controller(exported: Exported) -> bool:
     """Whether all observed values are available in C; if not, a policy's header holds only the network."""
-    return set(subject.spec.ids) <= set(values(subject.spec))
+    return set(exported.spec.ids) <= set(values(exported.spec))
 
 
 def values(spec: ObservationSpec) -> dict[str, str]:

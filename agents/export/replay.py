@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.export.c_header import c_text, has_controller, identifier
-from agents.export.contract import Subject
+from agents.export.documentation import Exported
 from impact_gym.envs.batch import Batch
 
 Floats = NDArray[np.float64]
@@ -29,14 +29,14 @@ class Log(NamedTuple):
     time_weight: Floats  # (rows,), m/s per s
 
 
-def logged(subject: Subject, episodes: int) -> Log:
+def logged(exported: Exported, episodes: int) -> Log:
     """Play episodes and return the log. The time weights of a rule are drawn from a range wider than the tuned one."""
-    task = subject.task
-    if subject.policy is None:
-        task = task.changed({"time_weight": (0.8 * subject.weights[0], 1.25 * subject.weights[-1])})
+    task = exported.task
+    if exported.policy is None:
+        task = task.changed({"time_weight": (0.8 * exported.weights[0], 1.25 * exported.weights[-1])})
     batch = Batch(episodes, task)
     batch.begin(np.arange(episodes), [np.random.default_rng(SEED)] * episodes)
-    controller, state, start = subject.at(batch.info()["time_weight"]), None, np.ones(episodes, np.bool_)
+    controller, state, start = exported.at(batch.info()["time_weight"]), None, np.ones(episodes, np.bool_)
     spec = task.action
     steps, sensors, commands, late = np.zeros(episodes, np.int64), [], [], []
     while not (ended := batch.ended).all():
@@ -58,15 +58,15 @@ def logged(subject: Subject, episodes: int) -> Log:
     return Log(np.array(sensors), np.array(commands), np.array(late), steps, batch.info()["time_weight"])
 
 
-def compiled(subject: Subject, header: Path, folder: Path, *how: str, language: str = "C99") -> ctypes.CDLL | None:
+def compiled(exported: Exported, header: Path, folder: Path, *how: str, language: str = "C99") -> ctypes.CDLL | None:
     """Compile program.c.jinja and the header with the compiler flags `how`; None: there is no compiler."""
     compiler = shutil.which("g++" if language == "C++17" else "gcc") or shutil.which("cc")
     if compiler is None:
         return None
     source = c_text(
-        "program.c.jinja", name=identifier(header.stem), controlled=has_controller(subject), network=subject.policy,
-        fields=len(subject.spec.sensors), inputs=len(subject.spec), actions=subject.actions,
-        operator=subject.task.operator,
+        "program.c.jinja", name=identifier(header.stem), controlled=has_controller(exported), network=exported.policy,
+        fields=len(exported.spec.sensors), inputs=len(exported.spec), actions=exported.actions,
+        operator=exported.task.operator,
     )  # fmt: skip
     library = folder / f"policy-{language}{''.join(how)}.so"
     flags = [*LANGUAGES[language], "-O2", "-ffp-contract=off", *WARNINGS, *how, "-fPIC", "-"]
@@ -78,14 +78,14 @@ def compiled(subject: Subject, header: Path, folder: Path, *how: str, language: 
     return ctypes.CDLL(str(library))
 
 
-def replay(subject: Subject, program: ctypes.CDLL, log: Log, calls: int) -> tuple[float, Floats]:
+def replay(exported: Exported, program: ctypes.CDLL, log: Log, calls: int) -> tuple[float, Floats]:
     """Replay a log; return the largest error of a command (fraction of the range), and times (s) of `calls` calls."""
     steps = log.steps.astype(np.int32)
     commands, seconds = np.zeros_like(log.commands), np.zeros(calls)
     arrays = log.sensors.ctypes, steps.ctypes, log.time_weight.ctypes
     program.play(len(steps), *arrays, log.late.ctypes, commands.ctypes)
     program.clocked(len(steps), *arrays, calls, seconds.ctypes)
-    task = subject.task
+    task = exported.task
     span = np.ptp([task.velocity_range, task.acceleration_range], axis=1)
     played = np.arange(len(commands))[:, None] < steps
     return float(np.abs((commands - log.commands) / span)[played].max()), seconds

@@ -3,15 +3,17 @@
 import math
 import warnings
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Annotated, Any
 
-from agents.setups.keys import known, table, within
+from agents.setups.keys import from_table, prefixed_errors, refuse_unknown, table
 from impact_gym.couplings import SpringDamper
-from impact_gym.support.validation import distinct, interval, number, numbers, shown, whole
+from impact_gym.parameters import SI, Options
+from impact_gym.support.validation import distinct, interval, number, shown
 from impact_gym.task import ScenarioRanges, Task, evaluation_sets
 from impact_gym.task.task import ARGUMENTS
 
+Weights = Annotated[tuple[float, ...], SI("m/s per s", above=0)]
 WEIGHTS = (0.7, 1.0, 2.0, 4.0)  # m/s per s, default time weights
 RESERVED = ("time_weight", "privileged", "max_episode_steps")
 """Arguments of the environment that a set-up must not have."""
@@ -40,20 +42,20 @@ MAY_BE_NONE = ("robot", "coupling.stroke")
 
 
 @dataclass(frozen=True)
-class Evaluation:
+class Evaluation(Options):
     """Time weights, scenarios and variations of the evaluation of a set-up."""
 
-    weights: tuple[float, ...] = WEIGHTS
+    weights: Weights = WEIGHTS
     """Time weights, m/s per s. Baselines are tuned, and policies are validated and compared, at these weights."""
-    curve: tuple[float, ...] = (0.3, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
+    curve: Weights = (0.3, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
     """Time weights, m/s per s, for the trade-off curve. Default weights outside the range of the training are left
     out."""
-    typical: float = 2.0
+    typical: Annotated[float, SI("m/s per s", above=0)] = 2.0
     """Time weight, m/s per s, of the results that a report shows for one weight only."""
     set: str = "test"
     """Evaluation set that the report plays. If the environment has its own `scenario` ranges, scenarios are drawn from
     these ranges instead, unless the set is `hard`."""
-    scenarios: int = 2000
+    scenarios: Annotated[int, SI("-", at_least=2)] = 2000
     """Number of scenarios to play, from the first of the set on."""
     varied: Mapping[str, Any] = field(default_factory=lambda: usual({}, COMPLIANT))
     """Values of arguments, such as robot.stiffness; one argument is changed at a time. An argument has a list of values
@@ -62,30 +64,31 @@ class Evaluation:
     """Values of arguments that replace the set-up's values or ranges in all variations of `varied`. In a file, robot =
     "rigid" means no robot compliance."""
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("weights", "curve"):
+            distinct(name, weights := getattr(self, name))
+            if not weights:
+                raise ValueError(f"{name} must hold weights, got {shown([*weights])}")
+            object.__setattr__(self, name, tuple(sorted(weights)))
+        number("scenarios", self.scenarios, "-", at_most=evaluation_sets.load(self.set).count)
+
     @classmethod
     def of_table(
         cls, content: Mapping[str, Any], environment: Mapping[str, Any], robot: Mapping[str, Any] | None = None
     ) -> "Evaluation":
         """Return the evaluation in a file's table; TypeError, ValueError: a wrong entry. For `robot` see `usual`."""
-        known("evaluation.", content, [item.name for item in fields(cls)])
-        known("evaluation.nominal.", table(content, "nominal", "evaluation."), SET_UP_ARGUMENTS)
-        nominal = {name: None if value == "rigid" else value for name, value in content.get("nominal", {}).items()}
-        environment, given = {**environment, **nominal}, dict(content) | {"nominal": nominal}
-        with within("evaluation.nominal"):
+        nominal = table(content, "nominal", "evaluation.")
+        refuse_unknown("evaluation.nominal.", nominal, SET_UP_ARGUMENTS)
+        nominal = {name: None if value == "rigid" else value for name, value in nominal.items()}
+        environment = {**environment, **nominal}
+        with prefixed_errors("evaluation.nominal"):
             Task(**environment)
-        for name in {"weights", "curve"} & content.keys():
-            given[name] = tuple(sorted(numbers(f"evaluation.{name}", content[name], "m/s per s", above=0)))
-            distinct(f"evaluation.{name}", given[name])
-            if not given[name]:
-                raise ValueError(f"evaluation.{name} must hold weights, got {shown(content[name])}")
-        if "typical" in content:
-            given["typical"] = number("evaluation.typical", content["typical"], "m/s per s", above=0)
-        count = evaluation_sets.load(given.get("set", cls.set)).count
-        scenarios = whole("evaluation.scenarios", given.get("scenarios", min(cls.scenarios, count)), at_least=2)
-        number("evaluation.scenarios", scenarios, "-", at_most=count)
         for name, values in table(content, "varied", "evaluation.").items():
             list(changes(name, values, environment, strict=True))
-        return cls(**{"varied": usual(environment, robot), **given, "scenarios": scenarios})
+        count = evaluation_sets.load(content.get("set", cls.set)).count
+        defaults = {"varied": usual(environment, robot), "scenarios": min(cls.scenarios, count)}
+        return from_table(cls, {**defaults, **content, "nominal": nominal}, "evaluation")
 
 
 def usual(environment: Mapping[str, Any], robot: Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -134,7 +137,7 @@ def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool
     where = f"evaluation.varied.{shown(name)[1:-1]}"
     multiples = isinstance(values, Mapping)
     if multiples:
-        known(f"{where}.", values, ("times",))
+        refuse_unknown(f"{where}.", values, ("times",))
     listed = values.get("times") if multiples else values
     if not isinstance(listed, list) or not listed:
         raise ValueError(
@@ -144,20 +147,20 @@ def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool
     if name == "scenario":
         for scenarios in listed:
             same = scenarios == AS_TRAINED
-            with within(where):
+            with prefixed_errors(where):
                 _ = same or evaluation_sets.load(scenarios)  # ValueError: no such set
             yield Change(name, scenarios, math.nan, False, environment, "" if same else scenarios, same)
         return
     task = Task(**environment)
     given = {path: value for path, value in task.by_path().items() if path.partition(".")[0] in SET_UP_ARGUMENTS}
     if strict:
-        known("evaluation.varied.", [name], ["scenario", *(given | dict.fromkeys(MAY_BE_NONE))])
+        refuse_unknown("evaluation.varied.", [name], ["scenario", *(given | dict.fromkeys(MAY_BE_NONE))])
     if given.get(name) is None and name not in MAY_BE_NONE:
         return
     for value in listed:
         try:
             # hard tasks are intended here, so a UserWarning about a hard task is ignored
-            with within(where), warnings.catch_warnings(action="ignore", category=UserWarning):
+            with prefixed_errors(where), warnings.catch_warnings(action="ignore", category=UserWarning):
                 other = None if value == "rigid" else value
                 if multiples:
                     factor, own = number("times", value, "-", above=0), given.get(name)

@@ -15,7 +15,7 @@ and the command jumps once. Several jumps at the robot's natural frequency can c
 FAR = 5.0  # a number that leaves its range in an observation by a larger factor may have a wrong unit
 
 
-def warnings(task: Task) -> list[str]:
+def doubts(task: Task) -> list[str]:
     """Return a sentence for each problem found; ValueError: the front stop cannot hold the tool."""
     (near, far), (least, most) = task.scenario.distance, task.acceleration_range
     observed = ObservationSpec(task).scale("position").high

@@ -3,19 +3,21 @@
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import fields
 from difflib import get_close_matches
-from typing import Any
+from typing import Any, TypeVar
 
 from impact_gym.quantities import SCENARIO
 from impact_gym.support.validation import shown
 
+Record = TypeVar("Record")
 MOVED = {f"environment.{row.id}": f"environment.scenario.{row.id}" for row in SCENARIO}  # wrong keys, and right ones
 MOVED |= {"environment.time_weight": "training.time_weight", "environment.privileged": "training.informed_critic"}
 MOVED["scenario"] = "environment.scenario"
 
 
 @contextmanager
-def within(place: str) -> Iterator[None]:
+def prefixed_errors(place: str) -> Iterator[None]:
     """Turn a RuntimeError, TypeError or ValueError of the `with` block into a ValueError that begins with `place`."""
     try:
         yield
@@ -23,7 +25,7 @@ def within(place: str) -> Iterator[None]:
         raise ValueError(f"{place}: {error}") from error
 
 
-def known(prefix: str, given: Iterable[str], allowed: Iterable[str], kind: str = "key") -> None:
+def refuse_unknown(prefix: str, given: Iterable[str], allowed: Iterable[str], kind: str = "key") -> None:
     """Raise ValueError for the first key, or name of another `kind`, that is not allowed."""
     names = sorted(allowed) if isinstance(allowed, (set, frozenset)) else list(allowed)
     for key in given:
@@ -31,6 +33,13 @@ def known(prefix: str, given: Iterable[str], allowed: Iterable[str], kind: str =
             nearest = [MOVED[prefix + key]] if prefix + key in MOVED else get_close_matches(key, names, 1)
             meant = f"; did you mean {nearest[0]!r}?" if nearest else "."
             raise ValueError(f"unknown {kind} {prefix}{shown(key)[1:-1]}{meant} Known are {', '.join(names)}")
+
+
+def from_table(kind: type[Record], content: Mapping[str, Any], place: str, others: Iterable[str] = ()) -> Record:
+    """Return the dataclass `kind` with the fields in a table (lists become tuples); `others` are further known keys."""
+    refuse_unknown(f"{place}.", content, [*others, *(item.name for item in fields(kind))])  # type: ignore[arg-type]
+    with prefixed_errors(place):
+        return kind(**{name: tuple(value) if isinstance(value, list) else value for name, value in content.items()})
 
 
 def table(content: Mapping[str, Any], name: str, prefix: str = "") -> dict[str, Any]:

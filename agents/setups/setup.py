@@ -6,16 +6,18 @@ from copy import deepcopy
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any
 
 import gymnasium as gym
 import numpy as np
 
+from agents.baselines import FIXED, RULES, BlindProfile, RangedProfile, Rule
 from agents.setups.evaluation import COMPLIANT, SET_UP_ARGUMENTS, Evaluation
-from agents.setups.keys import known, table, text, within
+from agents.setups.keys import from_table, prefixed_errors, refuse_unknown, table, text
 from agents.setups.training import Training
+from impact_gym.parameters import SI, Count, Options, Share
 from impact_gym.support.files import named_file, parsed
-from impact_gym.support.validation import distinct, flag, identifier, number, one_of, shown, whole
+from impact_gym.support.validation import distinct, identifier, number, one_of, shown
 from impact_gym.task import QUANTITIES, ObservationSpec, Task
 from impact_gym.teleop.channels import WAYS, columns_of
 
@@ -25,37 +27,27 @@ VERSION = 1
 TABLES = ("environment", "training", "baselines", "evaluation")
 INHERITED = ("environment", "training", "evaluation")
 """Tables whose keys a set-up inherits, see `_read`."""
-BUDGET = 4800  # default of `Setup.budget`
-SEEDS, MOST_SEEDS = 10, 10_000  # default and largest `Setup.seeds`
 README = ("linear-blind", "linear-ranged", "bistable-blind", "paper-limits")
 """Set-ups that `impact-gym report` compares by default."""
-RULES = (
-    "BlindProfile", "ConstantDeceleration", "ConstantSpeed", "DetectorProfile", "DetectorRanged", "FilteredProfile",
-    "FirstReadingProfile", "Ranged", "RangedProfile",
-)  # fmt: skip
-"""Names of the rules in `agents.baselines` that a set-up may tune."""
-FIXED = {
-    "paper-trapezoid": "PaperTrapezoid", "random": "RandomActions", "local-brake": "LocalBrake",
-    "operator-alone": "OperatorAlone",
-}  # fmt: skip
-"""Baselines without parameters to tune, and their classes in `agents.baselines`."""
 
 
-class Tuned(NamedTuple):
+@dataclass(frozen=True)
+class Tuned(Options):
     """A baseline that is tuned for a set-up."""
 
-    rule: str  # name of the rule, one of RULES
-    rtol: float = Task.rtol  # relative tolerance of simulations in the search; the validation uses the task's rtol
+    rule: type[Rule]  # one of RULES
+    # relative tolerance of simulations in the search; the validation uses the task's rtol
+    rtol: Annotated[float, QUANTITIES["rtol"]] = Task.rtol
     clean_alarm: bool = False  # whether the exact contact force raises the alarm in search and validation
-    jitter: float = 0.0  # standard deviation of errors added to actions in the search, as a fraction of their range
-    scenarios: int = 300  # number of scenarios that each candidate plays in the search
+    jitter: Share = 0.0  # standard deviation of errors added to actions in the search, as a fraction of their range
+    scenarios: Count = 300  # number of scenarios that each candidate plays in the search
 
 
 UNSAID = "see the report: impact-gym controller also writes one, else run impact-gym report"
 
 
 @dataclass(frozen=True)
-class Setup:
+class Setup(Options):
     """An arm, its training, and the baselines for comparison."""
 
     name: str
@@ -67,12 +59,12 @@ class Setup:
     against: tuple[str, ...] = ()  # names of compared baselines, besides the paper's rule; the first is the main rival
     # name of a set-up whose bound holds here; a bound is the lowest cost found for a controller that knows the object
     bound: str = ""
-    budget: int = BUDGET  # largest number of candidates in tuning for each time weight, rounded up to whole generations
+    budget: Count = 4800  # largest number of candidates in tuning for each time weight, rounded up to whole generations
     evaluation: Evaluation = field(default_factory=Evaluation)
     fails: str = UNSAID  # where the set-up's policy fails, in words
     path: Path = Path()
     mixed: tuple[tuple[float, Mapping[str, Any]], ...] = ()  # pairs: share of training environments, changed arguments
-    seeds: int = SEEDS  # number of trainings, with seeds from 0 on
+    seeds: Annotated[int, SI("-", at_least=1, at_most=10_000)] = 10  # number of trainings, with seeds from 0 on
 
     def make(self, **more: Any) -> gym.Env[Any, Any]:
         """Return the set-up's Gymnasium environment; arguments in `more` replace those of the set-up."""
@@ -134,19 +126,19 @@ def load_setup(name_or_path: str | Path) -> Setup:
 def _loaded(path: Path, _: int) -> Setup:
     identifier("name of a set-up's file", path.stem)
     content = _read(path)
-    with within(str(path)):
+    with prefixed_errors(str(path)):
         return _setup(path, content)
 
 
 def _read(path: Path, extended: tuple[Path, ...] = ()) -> dict[str, Any]:
     """Return the content of a file. The INHERITED tables also get the keys of the set-up that `extends` names."""
     content: dict[str, Any] = parsed(path, "TOML", tomllib.loads)
-    with within(str(path)):
+    with prefixed_errors(str(path)):
         _read_delays(table(content, "environment"), path.parent)
         mixed = table(content, "training").get("mixed", [])
         for place, part in enumerate(mixed if isinstance(mixed, list) else []):
             if isinstance(part, dict):
-                with within(f"training.mixed[{place}]"):
+                with prefixed_errors(f"training.mixed[{place}]"):
                     _read_delays(part, path.parent)
         if "extends" in content:
             beside = path.parent / (name := text(content, "extends", ""))
@@ -164,13 +156,13 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
         raise ValueError(
             f"version must be {VERSION}, got {shown(version)}: the file is for another version of impact-gym"
         )
-    known("", content, ("version", "title", "about", "fails", "extends", *TABLES))
+    refuse_unknown("", content, ("version", "title", "about", "fails", "extends", *TABLES))
     environment, training, baselines, evaluation = (table(content, name) for name in TABLES)
-    known("environment.", environment, SET_UP_ARGUMENTS)
-    with within("environment"):
+    refuse_unknown("environment.", environment, SET_UP_ARGUMENTS)
+    with prefixed_errors("environment"):
         task = Task(**environment)
-    known("baselines.", baselines, ("against", "tuned", "bound", "budget"))
-    usual = {f"{path.stem}-profile": "BlindProfile" if task.range_noise is None else "RangedProfile"}
+    refuse_unknown("baselines.", baselines, ("against", "tuned", "bound", "budget"))
+    usual = {f"{path.stem}-profile": (BlindProfile if task.range_noise is None else RangedProfile).__name__}
     listed = table(baselines, "tuned", "baselines.") or usual
     tuned = dict[str, Tuned]()
     for name, given in listed.items():
@@ -181,10 +173,9 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
     distinct("baselines.against", against)
     title = text(content, "title", path.stem)
     mixed = _mixed(training.pop("mixed", []), task)
-    with within("training"):
-        seeds = whole("seeds", training.pop("seeds", SEEDS), at_least=1)
-        number("seeds", seeds, "-", at_most=MOST_SEEDS)
-        settings = Training().changed(training)
+    counts = {name: of.pop(name) for name, of in (("seeds", training), ("budget", baselines)) if name in of}
+    settings = Training().changed(training)
+    with prefixed_errors("training"):
         shares = settings.nominal + sum(share for share, _ in mixed)
         number("nominal and the shares in mixed, added up,", shares, "-", at_most=1)
     asked = Evaluation.of_table(evaluation, environment, COMPLIANT if path.parent == SHIPPED else None)
@@ -192,11 +183,10 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
         raise ValueError(f"training.nominal must be 0 without a table [evaluation.nominal], got {settings.nominal!r}")
     setup = Setup(
         path.stem, title, text(content, "about", title), environment, settings, tuned, tuple(against),
-        text(baselines, "bound", path.stem, "baselines."),
-        whole("baselines.budget", baselines.get("budget", BUDGET), at_least=1),
-        asked, text(content, "fails", UNSAID), path, mixed, seeds,
+        text(baselines, "bound", path.stem, "baselines."), evaluation=asked, fails=text(content, "fails", UNSAID),
+        path=path, mixed=mixed, **counts,
     )  # fmt: skip
-    _refuse_unknown(setup, evaluation)
+    _check_names_and_weights(setup, evaluation)
     return setup
 
 
@@ -204,7 +194,7 @@ def _read_delays(environment: dict[str, Any], folder: Path) -> None:
     """Replace each channel's `trace`, a path relative to the set-up's `folder`, by the rows of that file."""
     for way in WAYS:
         if isinstance(channel := environment.get(way), dict) and isinstance(trace := channel.get("trace"), str):
-            with within(f"environment.{way}"):
+            with prefixed_errors(f"environment.{way}"):
                 channel["trace"] = [list(row) for row in zip(*columns_of(folder / trace), strict=True)]
 
 
@@ -214,15 +204,15 @@ def _mixed(given: Any, task: Task) -> tuple[tuple[float, Mapping[str, Any]], ...
     for place, part in enumerate(given):
         name = f"training.mixed[{place}]"
         one_of(name, part, dict)
-        known(f"{name}.", part, ("share", *SET_UP_ARGUMENTS))
-        with within(name):
+        refuse_unknown(f"{name}.", part, ("share", *SET_UP_ARGUMENTS))
+        with prefixed_errors(name):
             share = number("share", part.pop("share", "nothing"), "-", above=0, at_most=1)
             ObservationSpec.of_rows([task, task.changed(part)])
         parts.append((share, part))
     return tuple(parts)
 
 
-def _refuse_unknown(setup: Setup, given: Mapping[str, Any]) -> None:
+def _check_names_and_weights(setup: Setup, given: Mapping[str, Any]) -> None:
     """Refuse unknown baselines and an unknown bound, and time weights outside the training's range."""
     low, high = setup.training.time_weight
     for name in ("weights", "typical", "curve"):
@@ -233,23 +223,18 @@ def _refuse_unknown(setup: Setup, given: Mapping[str, Any]) -> None:
                 what = f"{weight:g} m/s per s, a default of evaluation.{name}"
                 raise ValueError(f"training.time_weight must include {what}, got {low:g} to {high:g} m/s per s")
     baselines = {*setup.tuned, *shipped_baselines(), *FIXED}  # only names: a set-up's file must not import code
-    known("baselines.against.", setup.against, baselines, "name")
-    known("training.teacher.", [setup.training.teacher], {"", *baselines}, "name")
-    known("baselines.bound.", [setup.bound], [setup.name, *shipped()], "name")
+    refuse_unknown("baselines.against.", setup.against, baselines, "name")
+    refuse_unknown("training.teacher.", [setup.training.teacher], {"", *baselines}, "name")
+    refuse_unknown("baselines.bound.", [setup.bound], [setup.name, *shipped()], "name")
 
 
 def _tuned(name: str, given: Any, task: Task) -> Tuned:
     entry = {"rule": given} if isinstance(given, str) else given
-    if not isinstance(entry, dict) or entry.get("rule") not in RULES:
+    if not isinstance(entry, dict) or entry.get("rule") not in [*RULES]:
         raise ValueError(
-            f"{name} must be a rule ({', '.join(RULES)}) or a table whose key rule is one, got {shown(given)}"
+            f"{name} must be a rule ({', '.join(sorted(RULES))}) or a table whose key rule is one, got {shown(given)}"
         )
-    known(f"{name}.", entry, Tuned._fields)
-    rtol = QUANTITIES["rtol"].check(entry.get("rtol", Task.rtol), f"{name}.rtol")
-    flag(f"{name}.clean_alarm", clean_alarm := entry.get("clean_alarm", False))
-    for kind, argument in {"Ranged": "range_noise", "Detector": "deflection_sensor"}.items():
-        if kind in entry["rule"] and getattr(task, argument) in (None, False):
-            raise ValueError(f"{name}: {entry['rule']} needs environment.{argument}")
-    jitter = number(f"{name}.jitter", entry.get("jitter", 0.0), "(no unit)", at_least=0.0, at_most=1.0)
-    scenarios = whole(f"{name}.scenarios", entry.get("scenarios", Tuned._field_defaults["scenarios"]), at_least=1)
-    return Tuned(entry["rule"], rtol, clean_alarm, jitter, scenarios)
+    tuned = from_table(Tuned, {**entry, "rule": RULES[entry["rule"]]}, name)
+    with prefixed_errors(name):
+        tuned.rule.check_observed(ObservationSpec(task))
+    return tuned

@@ -11,12 +11,12 @@ import tyro
 from agents.setups import Training, load_setup
 from agents.train.ppo import Run, resume, train
 from agents.train.seeds import train_seeds
+from impact_gym.parameters import SI, Index, Options
 from impact_gym.support.command_line import command_line, read_command
-from impact_gym.support.validation import whole
 
 
 @dataclass(frozen=True)
-class TrainOptions:
+class TrainOptions(Options):
     """Train a policy (a neural network) for a set-up, or several policies with --seeds."""
 
     setup: tyro.conf.Positional[str] = "linear-blind"
@@ -24,9 +24,9 @@ class TrainOptions:
     from --steps to --checkpoint-every."""
     training: Annotated[Training, tyro.conf.arg(name="")] = field(default_factory=Training)
     """Settings."""
-    seed: int = 0
+    seed: Index = 0
     """Seed of the training scenarios, the initial network and the exploration."""
-    seeds: int | None = None
+    seeds: Annotated[int | None, SI("-", at_least=1)] = None
     """Number of policies to train, with the seeds 0, 1, 2 and so on. The command writes all policies into one file. The
     file's default policy is the one with the median validation score. If you repeat the command after an interruption,
     it trains only the missing policies."""
@@ -36,7 +36,7 @@ class TrainOptions:
     policies: Path | None = None
     """With --seeds: folder for the file that contains all policies. The default is the folder of the shipped policies
     for a shipped set-up, and runs/NAME/policies for another set-up."""
-    processes: int = 2
+    processes: Index = 2
     """With --seeds: number of trainings at the same time on this machine, each on one core. 0: the trainings run in
     this process."""
     cluster: str | None = None
@@ -47,11 +47,9 @@ class TrainOptions:
     No other option is allowed."""
 
     def __post_init__(self) -> None:
-        whole("processes", self.processes, at_least=0)
-        if self.seeds is not None:
-            whole("seeds", self.seeds, at_least=1)
-            if self.seed:
-                raise ValueError(f"seed must be 0 if seeds is given (trainings get seeds 0, 1, ...), got {self.seed}")
+        super().__post_init__()
+        if self.seeds is not None and self.seed:
+            raise ValueError(f"seed must be 0 if seeds is given (trainings get seeds 0, 1, ...), got {self.seed}")
 
 
 def read_options(arguments: Sequence[str]) -> TrainOptions:

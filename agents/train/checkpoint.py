@@ -22,7 +22,7 @@ from agents.setups import Training
 from impact_gym.support.archive import archive_of, read_archive
 from impact_gym.support.files import write_file
 
-FORMAT = "impact_gym checkpoint 3"
+FORMAT = "impact_gym checkpoint 4"
 # attributes of stable-baselines3 2.9, some of them private; a test checks that a resumed training has the same result
 COUNTERS = ("num_timesteps", "_n_updates", "_episode_num", "_current_progress_remaining")
 UNWRITTEN = ("name_to_value", "name_to_count", "name_to_excluded")  # logger attributes that hold unwritten values

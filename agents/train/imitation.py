@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from stable_baselines3 import PPO
 from torch.nn.functional import mse_loss
 
-from agents.baselines.tuned import FIXED, read_tuned, tuned_rule
+from agents.baselines import FIXED, tuned_rule
 from agents.setups import Setup
+from agents.setups.tuned import read_tuned
 from impact_gym.task import ObservationSpec
 
 

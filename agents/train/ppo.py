@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from stable_baselines3 import PPO
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.vec_env import VecEnvWrapper
@@ -27,18 +26,18 @@ from agents.baselines import PaperTrapezoid
 from agents.policies import Policy, load_policy
 from agents.policies.networks import Affine, Network
 from agents.setups import Setup, Training, load_setup
-from agents.setups.feasible import warnings
-from agents.setups.keys import within
+from agents.setups.feasible import doubts
+from agents.setups.keys import prefixed_errors
 from agents.setups.training import SLOTS
 from agents.train import checkpoint
 from agents.train.callback import TrainingCallback
 from agents.train.imitation import PPOWithImitation, Teacher
 from agents.train.networks import ACTIVATIONS, AsymmetricPolicy, Standardised, standardisation
+from impact_gym.parameters import Index, Options
 from impact_gym.sb3 import ImpactVecEnv
 from impact_gym.support.command_line import command_of, progress
 from impact_gym.support.files import locked, write_file, writing
 from impact_gym.support.provenance import circumstances, revision
-from impact_gym.support.validation import array, whole
 from impact_gym.task import ObservationSpec, Task
 
 FIRST_SEED = 10_000_000
@@ -48,15 +47,12 @@ PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "stable-baselines3", "t
 
 
 @dataclass(frozen=True)
-class Run:
+class Run(Options):
     """One training: a set-up, settings and a seed."""
 
     setup: Setup
     training: Training
-    seed: int = 0  # seed of the training scenarios, the initial network and the exploration
-
-    def __post_init__(self) -> None:
-        whole("seed", self.seed, at_least=0)
+    seed: Index = 0  # seed of the training scenarios, the initial network and the exploration
 
     @cached_property
     def task(self) -> Task:
@@ -104,33 +100,20 @@ class ScaledRewards(VecEnvWrapper):
 
     def __init__(self, envs: ImpactVecEnv, power: float) -> None:
         super().__init__(envs)
-        self._envs, self._power, self._spec = envs, power, envs.observation_spec
-        self._scale: NDArray[np.float32] = np.ones(envs.num_envs, np.float32)
+        self._power, self._decode = power, envs.observation_spec.decode
 
     def reset(self) -> VecEnvObs:
         """Begin an episode in each environment."""
-        return self._seen(self.venv.reset())
+        return self.venv.reset()
 
     def step_wait(self) -> VecEnvStepReturn:
         """Play a step; the time weight of the episode scales the reward."""
-        scale, (observations, rewards, ended, infos) = self._scale, self.venv.step_wait()
-        return self._seen(observations), rewards * scale, ended, infos
-
-    def get_state(self) -> dict[str, Any]:
-        """Return the state needed to resume."""
-        return {"scale": self._scale, "envs": self._envs.get_state()}
-
-    def set_state(self, state: Mapping[str, Any]) -> None:
-        """Restore a state from `get_state`. ValueError: the state is from other environments."""
-        scale = array("scale of a state", state.get("scale"), self._scale.shape, "f")
-        self._envs.set_state(state.get("envs", {}))
-        self._scale = scale
-
-    def _seen(self, observations: VecEnvObs) -> VecEnvObs:
-        """Compute the next rewards' scales from the time weights in `observations`; return `observations`."""
-        time_weight = self._spec.decode(np.asarray(observations), "time_weight")
-        self._scale = np.asarray((1.0 + time_weight) ** -self._power, np.float32)
-        return observations
+        observations, rewards, ended, infos = self.venv.step_wait()
+        last = np.array(observations)
+        for row in np.flatnonzero(ended):
+            last[row] = infos[row]["terminal_observation"]  # `observations` has the first one of the next episode
+        scale = np.asarray((1.0 + self._decode(last, "time_weight")) ** -self._power, np.float32)
+        return observations, rewards * scale, ended, infos
 
 
 def make_environments(run: Run) -> ScaledRewards:
@@ -181,15 +164,15 @@ def policy_from(model: PPO, run: Run, provenance: Mapping[str, Any]) -> Policy:
 
 def train(run: Run, out: Path | None = None) -> Path:
     """Train, write the run folder, and return its path."""
-    with within(run.setup.called):
-        for sentence in warnings(run.task):
+    with prefixed_errors(run.setup.called):
+        for sentence in doubts(run.task):
             print(f"warning: {sentence}")
     stamp = datetime.now(UTC).strftime("%Y%m%d-%H%M%S")
     folder = out or Path("runs") / f"{stamp}-{run.setup.name}-seed{run.seed}"
     record = {"command": run.command, **run.made_for(), **revision(), **circumstances(*PACKAGES)}
     folder.mkdir(parents=True)
     write_file(folder / "config.json", json.dumps(record, indent=2) + "\n")
-    return resume(folder)
+    return _finish(folder, run, record)
 
 
 def resume(folder: Path) -> Path:
@@ -201,6 +184,10 @@ def resume(folder: Path) -> Path:
             raise ValueError(f"the set-up {run.setup.called} has changed since the run began; train in a new folder")
     except (OSError, LookupError, TypeError, AttributeError, ValueError) as error:
         raise ValueError(f"{folder} holds no run that this version can resume: {error}") from error
+    return _finish(folder, run, record)
+
+
+def _finish(folder: Path, run: Run, record: dict[str, Any]) -> Path:
     with writing(f"the run in {folder}"), locked(folder / "lock", wait=False):
         if not (folder / "metrics.json").is_file():
             _learn(folder, run, record)

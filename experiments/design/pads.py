@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.baselines.rule import Floats
-from agents.setups.keys import known
+from agents.setups.keys import refuse_unknown
 from impact_gym.physics.hertz import MATERIALS, hertz
 
 RIGID = (1e30, 0.0)  # Young's modulus (Pa) and Poisson's ratio of a body that is far stiffer than any pad
@@ -33,7 +33,7 @@ class Pad(NamedTuple):
 
 def pad_of(material: str) -> Pad:
     """Return the pad of a material; Young's modulus is the geometric mean of the ends of the measured range."""
-    known("--pad ", [material], PADS)
+    refuse_unknown("--pad ", [material], PADS)
     measured, radius = MATERIALS[material], PADS[material]
     assert measured.restitution is not None  # measured for all materials of PADS
     stiffness = hertz(radius, math.sqrt(math.prod(measured.young)), sum(measured.poisson) / 2.0, *RIGID)

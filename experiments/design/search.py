@@ -11,9 +11,9 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike
 
+from agents.baselines import RULES
 from agents.baselines.cmaes import Losses, minimise
 from agents.baselines.rule import Floats, Rule, ranges_for
-from agents.baselines.tuned import RULES
 from agents.evaluate.scenario_batch import RESULTS, TUNING_SEED, Episodes, ScenarioBatch, Travel
 from experiments.design.pads import Pad, on_pad, pad_of
 from experiments.design.variables import SearchVariable, as_built

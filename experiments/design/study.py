@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from agents.baselines.tuned import read_tuned
 from agents.evaluate.scenario_batch import TUNING_SEED, ScenarioBatch
+from agents.setups.tuned import read_tuned
 from experiments.design.findings import ENTRY, analyse
 from experiments.design.options import CHOSEN, FRONT, PAPER, SPRING, DesignOptions
 from experiments.design.search import MARGIN, PENALTY, Candidate, play, search

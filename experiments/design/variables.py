@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 
 from agents.baselines.rule import Floats, Parameter
 from agents.setups import Setup
-from agents.setups.feasible import corners, warnings
-from agents.setups.keys import known, within
+from agents.setups.feasible import corners, doubts
+from agents.setups.keys import prefixed_errors, refuse_unknown
 from impact_gym.couplings import SpringDamper
 from impact_gym.quantities import QUANTITIES
 from impact_gym.support.validation import number
@@ -64,7 +64,7 @@ def search_variables(texts: Sequence[str], setup: Setup) -> list[SearchVariable]
             low, high = map(float, ends.split(":"))
         except ValueError:
             raise ValueError(f"--free must be NAME=LOW:HIGH, such as coupling.stiffness=10:300, got {text!r}") from None
-        known("--free ", [name], own)
+        refuse_unknown("--free ", [name], own)
         low, high = (number(f"--free {name}", end, QUANTITIES[name].unit) for end in (low, high))
         if not low < high:
             raise ValueError(f"--free {name} must have LOW below HIGH, got {low:g}:{high:g}")
@@ -84,9 +84,9 @@ def searched_environment(setup: Setup, variables: Sequence[SearchVariable], defl
 
     ValueError: the environment is invalid, no front stop holds the tool, or no spring limits the lag to `deflection`.
     """
-    with within("--free"):
+    with prefixed_errors("--free"):
         task = Task(**setup.environment).changed({each.name: [each.low, each.high] for each in variables})
-        warnings(task)
+        doubts(task)
         springs = [corner for corner in corners(task) if isinstance(corner.coupling, SpringDamper)]
         # at a constant acceleration, the tool lags behind the flange by tool mass * acceleration / stiffness
         lag = task.acceleration_range[0] * min((c.tool_mass / c.coupling.stiffness for c in springs), default=0.0)

@@ -15,7 +15,7 @@ from impact_gym.task.task import MISSED_COST
 
 # modules on which the result of `play` depends
 PLAYED = ("impact_gym", "agents.baselines", "agents.evaluate", "agents.policies.networks", "agents.policies.policy",
-          "agents.setups.evaluation")  # fmt: skip
+          "agents.setups.evaluation", "agents.setups.tuned")  # fmt: skip
 
 
 def cell(

@@ -1,6 +1,5 @@
 """Studies: a study has a question, tables of measurements, and an analysis; a run of the study writes a page."""
 
-import hashlib
 import json
 import os
 import pickle
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import polars as pl
 
 from agents.jobs import cached
+from impact_gym.support.archive import checksum
 from impact_gym.support.command_line import command_of
 from impact_gym.support.files import locked, whole_file, write_file
 from impact_gym.support.provenance import circumstances, digest_of, revision
@@ -154,7 +154,7 @@ class StudyRun(dict[str, pl.DataFrame]):
 
     def _kept(self, measurement: Measurement) -> Path:
         """Return the folder of a table's kept cells; those of other versions of the sources are deleted."""
-        name = f"{measurement.name}-{hashlib.sha256(measurement.digest.encode()).hexdigest()[:16]}"
+        name = f"{measurement.name}-{checksum(measurement.digest)[:16]}"
         for folder in (self.folder / KEPT).glob(f"{measurement.name}-*"):
             if folder.name != name:
                 shutil.rmtree(folder, ignore_errors=True)
@@ -196,7 +196,7 @@ class StudyRun(dict[str, pl.DataFrame]):
         analyse = getattr(self.study.analyse, "func", self.study.analyse)  # it may be a functools.partial
         sources = digest_of("experiments.lab", analyse.__module__), [each.digest for each in self.study.measurements]
         inputs = cells, sources, self.study.depends, self.options.only, self.options.results
-        return hashlib.sha256(pickle.dumps(inputs)).hexdigest()  # not `repr`: cells share long texts
+        return checksum(pickle.dumps(inputs))  # not `repr`: cells share long texts
 
     def _write(self, made_from: str) -> None:
         from experiments.lab import page, results

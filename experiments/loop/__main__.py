@@ -14,7 +14,7 @@ import tyro
 
 from agents.evaluate.scenario_batch import ScenarioBatch
 from agents.export.c_header import c_text, identifier, write_header
-from agents.export.contract import Subject, of_name
+from agents.export.documentation import Exported, of_name
 from experiments.loop.arm import MAGIC, SILENCE, serve
 from impact_gym.support.command_line import run_command
 from impact_gym.support.files import write_file
@@ -41,18 +41,18 @@ class Loop:
         number("time_weight", self.time_weight, "m/s per s", above=0.0)
 
 
-def compiled(subject: Subject, name: str, out: Path) -> Path:
+def compiled(exported: Exported, name: str, out: Path) -> Path:
     """Write the controller's header and loop.c to `out`, compile both, and return the path of the program.
 
     ValueError: the controller needs an operator or an input that the arm lacks, or there is no C compiler.
     """
-    task, name = subject.task, identifier(name)
+    task, name = exported.task, identifier(name)
     if task.operator or task.range_sensor or task.past_readings or task.alarm != "force":
         raise ValueError(f"{name} needs an operator, a range sensor, past readings or an alarm from readings. "
                          "The arm of this loop has none of these: name another controller")  # fmt: skip
     if (compiler := shutil.which("cc") or shutil.which("gcc")) is None:
         raise ValueError("the loop needs a C compiler: install cc or gcc")
-    write_header(subject, out / f"{name}.h")
+    write_header(exported, out / f"{name}.h")
     names = {"name": name, "magic": MAGIC.decode(), "silence": SILENCE, "cycle": task.control_period}
     text = c_text("loop.c.jinja", Path(__file__).parent, **names, top=task.acceleration_range[1])
     source = write_file(out / "loop.c", text)
@@ -61,11 +61,11 @@ def compiled(subject: Subject, name: str, out: Path) -> Path:
     return out / "loop"
 
 
-def measured(subject: Subject, weight: float, played: list[Mapping[str, Any]]) -> dict[str, float]:
+def measured(exported: Exported, weight: float, played: list[Mapping[str, Any]]) -> dict[str, float]:
     """Return statistics of the commands' ages (s), mean V_p (m/s), and mean V_p in the same scenarios without UDP."""
     ages, velocity = (np.hstack([each[name] for each in played]) for name in ("ages", "object_velocity"))
-    batch = ScenarioBatch(SEED, len(played), subject.task.changed({"time_weight": weight}))
-    there = batch.play(subject.at(weight)).object_velocity.mean()
+    batch = ScenarioBatch(SEED, len(played), exported.task.changed({"time_weight": weight}))
+    there = batch.play(exported.at(weight)).object_velocity.mean()
     figures = {"approaches": len(played), "age_median": np.median(ages), "age_99": np.quantile(ages, 0.99)}
     figures |= {"age_most": ages.max(), "object_velocity": velocity.mean(), "environment": there}
     return {name: float(value) for name, value in figures.items()}
@@ -73,12 +73,12 @@ def measured(subject: Subject, weight: float, played: list[Mapping[str, Any]]) -
 
 def run(options: Loop) -> None:
     """Run the loop, print and write measurements; RuntimeError: the arm or the controller stopped early."""
-    subject = of_name(options.controller)
-    program = compiled(subject, Path(options.controller).stem, options.out)
+    exported = of_name(options.controller)
+    program = compiled(exported, Path(options.controller).stem, options.out)
     written = options.out / "arm.json"
     written.unlink(missing_ok=True)
     ours, theirs = multiprocessing.Pipe(duplex=False)
-    arguments = subject.task.arguments(), options.time_weight, SEED, options.seconds, written, theirs, SILENCE
+    arguments = exported.task.arguments(), options.time_weight, SEED, options.seconds, written, theirs, SILENCE
     arm = multiprocessing.get_context("spawn").Process(target=serve, args=arguments)
     arm.start()
     theirs.close()
@@ -87,7 +87,7 @@ def run(options: Loop) -> None:
     played = json.loads(written.read_text()) if written.is_file() else []
     if controller.returncode or not played or played[-1]["stop"]:
         raise RuntimeError(controller.stderr.strip() or "the watchdog stopped the arm, or the controller or arm failed")
-    found = json.loads(controller.stdout) | measured(subject, options.time_weight, played)
+    found = json.loads(controller.stdout) | measured(exported, options.time_weight, played)
     print(write_file(options.out / "loop.json", json.dumps(found, indent=2) + "\n"))
     print("V_p: mean {object_velocity:.4f} m/s; environment: {environment:.4f} m/s".format(**found))
 

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from agents import load_policy
-from agents.baselines import LocalBrake, OperatorAlone, PaperTrapezoid, load_baseline
+from agents.baselines import BlindProfile, LocalBrake, OperatorAlone, PaperTrapezoid
 from agents.policies import Controller
-from agents.setups import Setup, load_setup
+from agents.setups import Setup, load_baseline, load_setup
 from agents.setups.setup import shipped
 from experiments.lab.player.films import chain_of
 from impact_gym.task import Task
@@ -92,7 +92,7 @@ def assistance(name: str, setup: Setup) -> Controller:
     if name == "policy":
         return load_policy(setup.folder / "policies" / f"{setup.name}.npz")
     if name == "limit":
-        limits = [known for known, tuned in setup.tuned.items() if tuned.rule == "BlindProfile"]
+        limits = [known for known, tuned in setup.tuned.items() if tuned.rule is BlindProfile]
         if not limits:
             raise ValueError(f"assist limit needs a tuned BlindProfile: add one to [baselines.tuned] of {setup.called}")
         rule: Any = load_baseline(limits[0], setup.evaluation.typical, setup.folder / "tuned")

@@ -11,7 +11,7 @@ import tyro
 from agents.evaluate.play import pairs
 from agents.setups import README, load_setup
 from agents.setups.evaluation import RESERVED
-from agents.setups.keys import within
+from agents.setups.keys import prefixed_errors
 from experiments.lab.study import Findings, Frames, Study, StudyOptions, run
 from experiments.report.matchups import Matchup, of_policies, of_setup
 from impact_gym.support.command_line import command_of, run_command
@@ -92,16 +92,16 @@ def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict
         if not isinstance(content, dict) or set(content) - keys:
             raise ValueError(f"{path} must be a JSON object with some of {sorted(keys)}, got {str(content)[:200]}")
         environment = content.get("environment", {})
-        with within(f"{path}: ranges"):
+        with prefixed_errors(f"{path}: ranges"):
             ranges = pairs(content.get("ranges", "test"))
-        with within(str(path)):
+        with prefixed_errors(str(path)):
             count = whole("count", count or content.get("count", 1000), at_least=2)
             seed = whole("seed", content.get("seed", 2_000_000), at_least=0)
             Task.of("environment", environment)
         if reserved := sorted(set(environment) & {"scenario", *RESERVED}):
             raise ValueError(f"{path}: environment must not have {reserved}: the key ranges and the report set these")
         return {"ranges": ranges, "seed": seed, "count": count}, environment
-    with within("scenarios, a fixed set or a JSON file of ranges"):
+    with prefixed_errors("scenarios, a fixed set or a JSON file of ranges"):
         frozen = evaluation_sets.load(source)
     count = whole("scenarios", count or frozen.count, at_least=2)
     number("scenarios", count, "(no unit)", at_most=frozen.count)

@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from agents.baselines.tuned import BOUND_SET, FIXED, bound_of, read_tuned
+from agents.baselines import FIXED
 from agents.evaluate.play import controller_of, environment_and_scenarios, pairs, try_out
 from agents.evaluate.scenario_batch import TEST_SEED
 from agents.policies import Policy, load_ensemble, load_policy
 from agents.setups import TUNED, Setup, load_setup, shipped, shipped_baselines
 from agents.setups.evaluation import Evaluation
-from agents.setups.keys import within
+from agents.setups.keys import prefixed_errors
+from agents.setups.tuned import BOUND_SET, bound_of, read_tuned
 from impact_gym.support.provenance import digest_of
 from impact_gym.support.validation import identifier, nearest, number
 from impact_gym.task import ObservationSpec, Task
@@ -202,7 +203,7 @@ def of_policies(
         trained_in = {name: value for name, value in loaded.environment.items() if name != "time_weight"}
         arguments = {**trained_in, **changes}
         environment, of_environment = environment_and_scenarios(arguments, scenarios)
-        with within(f"{path} with environment {[*changes]}"):
+        with prefixed_errors(f"{path} with environment {[*changes]}"):
             Policy(loaded.network, Task(**environment), {})  # raises ValueError if the network does not fit
         setup = next((setup for setup in map(load_setup, shipped()) if setup.describes(loaded.task)), None)
         called = path.parent.name if path.name in ("best.npz", "final.npz") else path.stem

@@ -1,10 +1,11 @@
-"""Read and write archives: files with JSON, arrays and a checksum. Reading an archive runs no code."""
+"""Checksums, and archives: files with JSON, arrays and a checksum. Reading an archive runs no code."""
 
 import hashlib
 import io
 import json
 import zipfile
 from collections.abc import Mapping
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +19,27 @@ from impact_gym.support.validation import shown
 Arrays = Mapping[str, NDArray[Any]]
 
 
+def checksum(*parts: Any) -> str:
+    """Return the SHA-256 of `parts`, one after the other: bytes, texts, arrays (not their shapes) and JSON values."""
+    digest = hashlib.sha256()
+    for part in parts:
+        if isinstance(part, np.ndarray):
+            part = np.ascontiguousarray(part).tobytes()
+        elif not isinstance(part, str | bytes):
+            part = json.dumps(part, sort_keys=True)
+        digest.update(part.encode() if isinstance(part, str) else part)
+    return digest.hexdigest()
+
+
+def refuse_altered(expected: str, *parts: Any) -> None:
+    """Raise ValueError unless `expected` is the `checksum` of `parts`."""
+    if (found := checksum(*parts)) != expected:
+        raise ValueError(f"its checksum is {found}, not {expected}: it was altered or damaged")
+
+
 def archive_of(kind: str, content: Mapping[str, Any], arrays: Arrays) -> bytes:
     """Return the bytes of an archive of `content` (JSON) and `arrays`; `kind` names the format and its version."""
-    header = {"format": kind, "content": dict(content), "sha256": _checksum(kind, content, arrays)}
+    header = {"format": kind, "content": dict(content), "sha256": checksum(*_parts(kind, content, arrays))}
     np.savez(file := io.BytesIO(), allow_pickle=False, header=np.array(json.dumps(header)), **arrays)
     return file.getvalue()
 
@@ -46,16 +65,10 @@ def unpacked(packed: bytes, kind: str) -> tuple[dict[str, Any], dict[str, NDArra
         if header["format"] != kind:
             raise ValueError(f"its format is {header['format']!r}, this version reads {kind!r}")
         arrays = {name: array for name, array in archive.items() if name != "header"}
-    checksum = _checksum(kind, header["content"], arrays)
-    if checksum != header["sha256"]:
-        raise ValueError(f"its checksum is {checksum}, not {header['sha256']}: it was altered or damaged")
+    refuse_altered(header["sha256"], *_parts(kind, header["content"], arrays))
     return header["content"], arrays
 
 
-def _checksum(kind: str, content: Mapping[str, Any], arrays: Arrays) -> str:
-    digest = hashlib.sha256(json.dumps([kind, content], sort_keys=True).encode())
-    for name in sorted(arrays):
-        array = np.asarray(arrays[name])
-        digest.update(f"{name} {array.dtype.str} {array.shape}".encode())
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()
+def _parts(kind: str, content: Mapping[str, Any], arrays: Arrays) -> list[Any]:
+    named = [(f"{name} {arrays[name].dtype.str} {arrays[name].shape}", arrays[name]) for name in sorted(arrays)]
+    return [[kind, content], *chain.from_iterable(named)]

@@ -2,15 +2,13 @@
 
 import io
 import multiprocessing
-import re
 import shlex
 import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import MISSING, fields, is_dataclass, replace
-from functools import partial
+from dataclasses import MISSING, fields, is_dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from impact_gym.support.files import DiskFullError, writing
@@ -36,53 +34,13 @@ def read_command(
 ) -> Options:
     """Return the options in `arguments`; None: the arguments of this process.
 
-    `default` replaces the default values of the dataclass. The help shows NAME, NUMBER and PATH instead of types.
+    `default` replaces the default values of the dataclass.
     """
     import tyro  # imported here, because `progress` does not need tyro
-    from tyro import constructors
-
-    registry, within = constructors.ConstructorRegistry(), list[object]()
-
-    def usual_rule(get: Callable[..., Any], info: object) -> Any:
-        """Return `get(info)` by tyro's usual rules: while `get` runs, our own rules return None."""
-        if within:
-            return None
-        within.append(info)
-        try:
-            return get(info)
-        finally:
-            within.clear()
-
-    @registry.struct_rule
-    def paragraphs(info: constructors.StructTypeInfo) -> constructors.StructConstructorSpec | None:
-        """Read a dataclass as tyro does, but join the lines of each option's help."""
-        spec = usual_rule(registry.get_struct_spec, info)
-        if not isinstance(spec, constructors.StructConstructorSpec):
-            return None
-        return replace(
-            spec, fields=tuple(replace(each, helptext=partial(joined, each.helptext)) for each in spec.fields)
-        )
-
-    @registry.primitive_rule
-    def plain_words(info: constructors.PrimitiveTypeInfo) -> constructors.PrimitiveConstructorSpec[Any] | None:
-        """Read a value as tyro does. The help shows "PATH" for "{None}|PATH", and "NAME ..." for "[STR [STR ...]]"."""
-        spec = usual_rule(registry.get_primitive_spec, info)
-        if not isinstance(spec, constructors.PrimitiveConstructorSpec):
-            return None
-        word = re.sub(r"\[(\w+) \[\1 \.\.\.\]\]", r"\1 ...", spec.metavar.replace("{None}|", ""))
-        word = re.sub("INT|FLOAT", "NUMBER", word.replace("STR", "NAME"))
-        usual, none = spec.str_from_instance, (None, ())
-        return replace(spec, metavar=word, str_from_instance=lambda value: ["none"] if value in none else usual(value))
 
     config = (tyro.conf.PositionalMetavarFromFieldName,)
     given: dict[str, Any] = {} if default is None else {"default": default}
-    return tyro.cli(options, prog=f"impact-gym {name}", args=arguments, registry=registry, config=config, **given)
-
-
-def joined(text: str | Callable[[], str | None] | None) -> str | None:
-    """Return a help text in one line."""
-    text = text() if callable(text) else text
-    return text and " ".join(text.split())
+    return tyro.cli(options, prog=f"impact-gym {name}", args=arguments, config=config, **given)
 
 
 @contextmanager

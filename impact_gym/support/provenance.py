@@ -1,6 +1,5 @@
 """Origin of a result: sources, versions, machine and date."""
 
-import hashlib
 import importlib.util
 import os
 import platform
@@ -10,6 +9,8 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
+
+from impact_gym.support.archive import checksum
 
 SOURCES = {".py", ".pyx", ".pxi", ".h", ".csv", ".json", ".toml", ".npz", ".jinja", ".css", ".js", ".typed"}
 """Suffixes of the files that can change the results of a package."""
@@ -38,14 +39,13 @@ def todays(command: str) -> str:
 
 def digest_of(*modules: str) -> str:
     """Return the SHA-256 of the sources and data files of modules and packages; ValueError: there is no such module."""
-    digest = hashlib.sha256()
+    parts = list[Any]()
     for name in sorted(modules):
         root = origin_of(name)
         files = [path for path in root.rglob("*") if path.suffix in SOURCES and not path.name.startswith(".")]
         for path in sorted(files) if root.is_dir() else [root]:
-            digest.update(f"{name} {path.relative_to(root.parent)}\0".encode())
-            digest.update(hashlib.sha256(path.read_bytes()).digest())
-    return digest.hexdigest()
+            parts += [f"{name} {path.relative_to(root.parent)}\0", checksum(path.read_bytes())]
+    return checksum(*parts)
 
 
 def origin_of(name: str) -> Path:

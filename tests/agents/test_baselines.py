@@ -11,18 +11,17 @@ from made_up_policies import observations
 from refusal import refused
 
 from agents import load_setup
-from agents.baselines import BlindProfile, Clairvoyant, ConstantSpeed, OperatorAlone, PaperTrapezoid, Ranged, tuned
+from agents.baselines import RULES, BlindProfile, Clairvoyant, ConstantSpeed, OperatorAlone, PaperTrapezoid, Ranged
 from agents.baselines.filtered import FilteredProfile
 from agents.baselines.profile import KNOTS, LEAST_SPREAD, REACTION
-from agents.baselines.rule import View
-from agents.baselines.tuned import load_baseline, read_tuned, write_tuned
+from agents.baselines.rule import View, tuned_rule
 from agents.evaluate.scenario_batch import ScenarioBatch
-from agents.setups import owner, shipped_baselines
+from agents.setups import load_baseline, owner, shipped_baselines
+from agents.setups.tuned import read_tuned, write_tuned
 from agents.tune import CLEAN_ALARM
 from impact_gym.envs.batch import Batch
 from impact_gym.task import ObservationSpec, Task
 
-RULES = [*tuned.RULES.values(), Clairvoyant]
 STAY = [0.0] * (len(REACTION) - 1) + [20.0]
 
 
@@ -66,7 +65,7 @@ def test_ranged_arrives_at_the_estimate_with_the_tuned_speed():
     assert velocity[position > 0.31] == pytest.approx(0.25, abs=1e-3)
 
 
-@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize("rule", [*RULES.values(), Clairvoyant])
 def test_rule_acts_on_a_row_of_a_batch_as_it_does_alone(rule):
     task, parameters = Task(**rule.NEEDS), drawn(rule, 24)
     batch = rule.of(parameters).for_task(task)
@@ -127,7 +126,7 @@ def test_shipped_baseline_beats_the_papers_rule_at_each_weight(name):
     weights, count = sorted(map(float, content["weights"])), 40 if task.operator else 100
     every = np.repeat(weights, count)
     batch = ScenarioBatch.of("validation", count, task, copies=len(weights), time_weight=weights)
-    ours, theirs = (batch.play(each.for_task(task)) for each in (tuned.tuned_rule(content).at(every), rival))
+    ours, theirs = (batch.play(each.for_task(task)) for each in (tuned_rule(content).at(every), rival))
     assert ours.missed.reshape(len(weights), count).sum(axis=1).max() <= (1 if poor else 0)
     better = theirs.loss(every) - ours.loss(every)
     assert (better.reshape(len(weights), count).mean(axis=1) > 0.0).all()

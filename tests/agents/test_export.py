@@ -1,4 +1,4 @@
-"""`impact-gym export`: its files, their contract and its checks; networks in C and ONNX equal the policy's."""
+"""`impact-gym export`: its files, their documentation and its checks; networks in C and ONNX equal the policy's."""
 
 import json
 import re
@@ -12,11 +12,12 @@ from made_up_policies import KINDS, made_up_policy, observations
 from refusal import refused
 
 from agents import load_policy, load_setup
-from agents.baselines import ConstantSpeed
+from agents.baselines import ConstantSpeed, Rule
+from agents.baselines.profile import REACTION, ReactingRule
 from agents.export import __main__ as exporting
 from agents.export.__main__ import Export, judged, judged_replay
 from agents.export.c_header import header
-from agents.export.contract import Subject, of_name, of_setup
+from agents.export.documentation import Exported, of_name, of_setup
 from agents.export.onnx_graph import write_onnx
 from agents.policies.networks import to_arrays
 from impact_gym.envs import IDS
@@ -55,14 +56,14 @@ def test_one_wrong_action_of_many_is_refused(tmp_path, error):
 def test_header_and_onnx_have_one_contract_of_the_task(tmp_path, environment):
     policy = made_up_policy(environment=environment | {"time_weight": [0.5, 6.0], "reaction_delay": [0.01, 0.02]})
     policy.provenance["command"] = "train */ /* ??/ evil"
-    subject, task = Subject(policy), policy.task
-    text = header(subject, "it")
+    exported, task = Exported(policy), policy.task
+    text = header(exported, "it")
     assert text.partition("#ifndef")[0].count("*/") == 1
-    model = onnx.load(write_onnx(subject, tmp_path / "it.onnx"))
-    assert {item.key: item.value for item in model.metadata_props} == subject.contract
+    model = onnx.load(write_onnx(exported, tmp_path / "it.onnx"))
+    assert {item.key: item.value for item in model.metadata_props} == exported.documentation
     entries = text.split("\n\n")[1].replace("\n    ", " ").splitlines()  # later lines of an entry begin with spaces
-    assert dict(line.split(": ", 1) for line in entries) == subject.contract
-    said = {name: json.loads(value) for name, value in subject.contract.items()}
+    assert dict(line.split(": ", 1) for line in entries) == exported.documentation
+    said = {name: json.loads(value) for name, value in exported.documentation.items()}
     assert (Task(**said["environment"]), said["made_by"]) == (task, policy.provenance["command"])
     assert said["control_period"] == {"value": environment.get("control_period", 0.016), "unit": "s"}
     limits = {
@@ -94,28 +95,41 @@ def test_checksum_changes_with_each_parameter_and_the_task():
     for name in to_arrays(every[0].network):
         every.append(made_up_policy())
         to_arrays(every[-1].network)[name].flat[0] += 1e-6
-    assert len({Subject(each).contract["checksum"] for each in every}) == len(every)
+    assert len({Exported(each).documentation["checksum"] for each in every}) == len(every)
     for make in (made_up_policy, lambda: rule(0.5, 8.0, 8.0)):
-        assert Subject(make()).contract == Subject(make()).contract
+        assert Exported(make()).documentation == Exported(make()).documentation
 
 
 def test_loader_of_the_page_runs_onnx_from_its_metadata(tmp_path):
     """It returns the commands from readings in SI units, also from readings beyond their scales."""
     loader = runpy.run_path(str(Path(__file__).parents[2] / "docs" / "examples" / "run_onnx.py"))
-    subject, policy = of_name("teleop-spring"), load_policy("teleop-spring")
-    command = loader["load"](write_onnx(subject, tmp_path / "it.onnx"))
-    span = [action.high - action.low for action in subject.actions]
+    exported, policy = of_name("teleop-spring"), load_policy("teleop-spring")
+    command = loader["load"](write_onnx(exported, tmp_path / "it.onnx"))
+    span = [action.high - action.low for action in exported.actions]
     wide = 1.2 * observations(policy, 150)
     actions = policy.predict(np.clip(wide, policy.spec.scaled_low, 1.0))[0]
-    for row, expected in zip(wide, subject.task.action.decode(actions), strict=True):
+    for row, expected in zip(wide, exported.task.action.decode(actions), strict=True):
         seen = {name: policy.spec.decode(row, name) for name in policy.spec.ids}
         assert np.abs((np.array([*command(seen).values()]) - expected) / span).max() < 2e-6
 
 
 def test_rules_are_exported_for_the_users_arm(mine):
     setup = load_setup(mine)
-    for name, subject in (of_setup(setup) | {"paper-trapezoid": of_name("paper-trapezoid", setup)}).items():
-        assert subject.task == setup.task, name
+    for name, exported in (of_setup(setup) | {"paper-trapezoid": of_name("paper-trapezoid", setup)}).items():
+        assert exported.task == setup.task, name
+
+
+def test_rule_without_c_is_refused_by_name():
+    """Also if its parameters have the names of another rule's."""
+
+    class Mine(Rule):
+        PARAMETERS = ConstantSpeed.PARAMETERS
+
+    class OnProfile(ReactingRule):
+        PARAMETERS = REACTION
+
+    for rule in (Mine([0.5, 8.0, 8.0]), OnProfile([parameter.start for parameter in REACTION])):
+        refused(lambda rule=rule: header(rule, "it"), f"{type(rule).__name__} has no part in rule.h.jinja")
 
 
 def test_tuned_baseline_is_read_from_the_named_folder(tmp_path):

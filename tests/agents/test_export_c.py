@@ -11,10 +11,10 @@ import pytest
 from made_up_policies import made_up_policy
 
 from agents import load_setup
+from agents.baselines import FIXED, RULES
 from agents.baselines.rule import ranges_for
-from agents.baselines.tuned import FIXED, RULES
 from agents.export.c_header import write_header
-from agents.export.contract import Subject, of_name
+from agents.export.documentation import Exported, of_name
 from agents.export.replay import compiled, logged, replay
 from agents.setups import shipped, shipped_baselines
 from impact_gym.envs import IDS
@@ -44,10 +44,10 @@ POLICIES_IN_C = {
 FAULTY = {"force": {}, "reading": {"alarm": "reading"}, "past": {"past_readings": 2}}
 
 
-def careless(subject, folder):
+def careless(exported, folder):
     """Compile it as C++, with a compiler that may remove tests for NaN, and has no macros that say so."""
     not_told = [f"-U__{name}__" for name in ("FAST_MATH", "FINITE_MATH_ONLY", "ASSOCIATIVE_MATH")]
-    return compiled(subject, write_header(subject, folder / "it.h"), folder, "-Ofast", *not_told, language="C++17")
+    return compiled(exported, write_header(exported, folder / "it.h"), folder, "-Ofast", *not_told, language="C++17")
 
 
 def commands_of(program, sensors, weights, late=None):
@@ -67,31 +67,31 @@ def made_up_rule(rule, environment):
     table = np.clip(start + 0.1 * rng.normal(size=(3, len(start))) * (high - low), low, high)
     controller = RULES[rule].of(table, ranges).for_task(Task(**environment))
     controller.weights = (0.5, 1.0, 4.0)
-    return Subject(controller)
+    return Exported(controller)
 
 
 CONTROLLERS = {
     **{name: partial(of_name, name) for name in (*shipped(), *shipped_baselines(), *FIXED) if name != "random"},
     **{name: partial(made_up_rule, *how) for name, how in RULES_IN_C.items()},
-    **{name: lambda each=each: Subject(made_up_policy(2, each)) for name, each in POLICIES_IN_C.items()},
+    **{name: lambda each=each: Exported(made_up_policy(2, each)) for name, each in POLICIES_IN_C.items()},
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("name", CONTROLLERS)
 def test_controller_gives_the_same_commands_in_c_and_numpy(name, tmp_path):
     """The difference is below 1e-6 of the range, or below one step of the grid on which commands lie."""
-    subject = CONTROLLERS[name]()
-    program = compiled(subject, write_header(subject, tmp_path / "it.h"), tmp_path, "-O0")
-    log, task = logged(subject, 60), subject.task
-    said = {key: json.loads(value) for key, value in subject.contract.items()}
+    exported = CONTROLLERS[name]()
+    program = compiled(exported, write_header(exported, tmp_path / "it.h"), tmp_path, "-O0")
+    log, task = logged(exported, 60), exported.task
+    said = {key: json.loads(value) for key, value in exported.documentation.items()}
     assert log.commands[..., 0].std() > 0.01
     grid = RESOLUTION / min(np.ptp(task.velocity_range), np.ptp(task.acceleration_range))
-    difference, seconds = replay(subject, program, log, calls=10)
+    difference, seconds = replay(exported, program, log, calls=10)
     assert difference < (1.001 * max(1e-6, grid) if name not in POLICIES_IN_C else 1e-5)
     assert (seconds > 0.0).all()
     weight, limits = said["time_weight"], said["velocity_limits"]
-    assert subject.policy or (weight["low"], weight["high"]) == (subject.weights[0], subject.weights[-1])
-    time = log.sensors[..., subject.spec.sensors.index("time")]
+    assert exported.policy or (weight["low"], weight["high"]) == (exported.weights[0], exported.weights[-1])
+    time = log.sensors[..., exported.spec.sensors.index("time")]
     assert np.diff(time, axis=0).max() == pytest.approx(said["control_period"]["value"])  # the longest step
     commanded = log.commands[np.arange(len(time))[:, None] < log.steps, 0]
     assert limits["low"] - 1e-9 <= commanded.min() <= commanded.max() <= limits["high"] + 1e-9
@@ -150,21 +150,22 @@ def commands_by_hand(policy, readings, weight, by_reading):
 
 @pytest.mark.parametrize("name", FAULTY)
 def test_faulty_readings_are_treated_as_the_contract_says(name, tmp_path):
-    subject = Subject(made_up_policy(environment={"range_noise": 0.01, **FAULTY[name]}))
-    program, weight = careless(subject, tmp_path), 2.0
-    said, by_reading = {key: json.loads(value) for key, value in subject.contract.items()}, "alarm" in FAULTY[name]
+    exported = Exported(made_up_policy(environment={"range_noise": 0.01, **FAULTY[name]}))
+    program, weight = careless(exported, tmp_path), 2.0
+    said = {key: json.loads(value) for key, value in exported.documentation.items()}
+    by_reading = "alarm" in FAULTY[name]
     for part in ("not later than before, repeats the last command", "(NaN or infinite) keeps its last value",
                  "before the first value a number is 0",
                  "the alarm is on or off as read" if by_reading else "the alarm stays on"):  # fmt: skip
         assert part in said["missing"]  # as `commands_by_hand` computes
     for part in ("clipped to the range of its input", "a missing one (NaN or infinite) becomes the smallest"):
         assert part in said["resets"]
-    place = subject.spec.ids.index("time_weight")
+    place = exported.spec.ids.index("time_weight")
     least, most = (said[f"input {place:02}"][side] for side in ("low", "high"))
     for seed in range(3):
         readings = faulty_readings(seed)
         commands = commands_of(program, readings[:, None], [weight])
-        expected, count = commands_by_hand(subject.policy, readings, weight, by_reading)
+        expected, count = commands_by_hand(exported.policy, readings, weight, by_reading)
         assert count > 30
         assert commands[:, 0] == pytest.approx(expected, rel=0, abs=2e-5)
         assert commands[:, 0].std(axis=0).min() > 0.05
@@ -176,21 +177,21 @@ def test_faulty_readings_are_treated_as_the_contract_says(name, tmp_path):
 
 
 def test_operators_controller_stops_and_withdraws_as_it_says(tmp_path):
-    """The alarm comes at 1.5 s; no command comes from 1.0 to 1.3 s. The contract says the three times."""
+    """The alarm comes at 1.5 s; no command comes from 1.0 to 1.3 s. The documentation says the three times."""
     policy, time = made_up_policy(environment=TELEOP), 0.016 * np.arange(150)
     last = policy.network.mean  # always a gain of 1, a stop at 10.5 m/s^2 and the full withdrawal
     last.weight[:], last.bias[:] = 0.0, [2.0, 0.0, 2.0]
-    subject = Subject(policy)
-    hold, fade, timeout = map(float, re.findall(r"([\d.]+) s\b", subject.contract["operator"]))
-    most = json.loads(subject.contract["acceleration_limits"])["high"]
-    fields = dict.fromkeys(subject.spec.sensors, np.zeros(150)) | {"time": time, "alarm": time >= 1.5}
+    exported = Exported(policy)
+    hold, fade, timeout = map(float, re.findall(r"([\d.]+) s\b", exported.documentation["operator"]))
+    most = json.loads(exported.documentation["acceleration_limits"])["high"]
+    fields = dict.fromkeys(exported.spec.sensors, np.zeros(150)) | {"time": time, "alarm": time >= 1.5}
     fields["time_since_alarm"] = np.maximum(time - 1.5, 0.0)
     fields["command"] = np.where(np.abs(time - 0.5) < 0.02, math.nan, 0.2)
     fields["command_age"] = 0.1 + np.clip(time - 1.0, 0.0, 0.3) * (time < 1.3)
     fields["command_age"][[40, 44, 48]] = -math.inf, math.nan, math.inf
     late = np.where(np.isin(np.arange(150), (20, 22)), math.inf, math.nan)[:, None]
     readings = np.stack(list(fields.values()), axis=-1)[:, None]
-    commands = commands_of(careless(subject, tmp_path), readings, [2.0], late)
+    commands = commands_of(careless(exported, tmp_path), readings, [2.0], late)
     silent = np.isnan(fields["command"]) | np.isinf(late[:, 0]) | ((time >= 1.008 + timeout) & (time < 1.3))
     back = 0.3 * np.clip(1.0 - (time - 1.5 - hold) / fade, 0.0, 1.0) * (time >= 1.5)
     assert silent.sum() > 12

@@ -14,11 +14,10 @@ from solver_scenes import scene
 
 import impact_gym as ig
 from agents import check, load_setup
-from agents.baselines import PaperTrapezoid
+from agents.baselines import FIXED, RULES, PaperTrapezoid
 from agents.evaluate.scenario_batch import ScenarioBatch
 from agents.setups import feasible, owner, shipped, shipped_baselines
 from agents.setups.evaluation import VARIED, Evaluation, variants
-from agents.setups.setup import FIXED
 from agents.train.ppo import Run
 from impact_gym.task import Task
 
@@ -89,7 +88,7 @@ def test_warnings_name_the_problems_of_some_episodes():
         ({"scenario": {"distance": (0.2, 1.7)}}, ["ends at a flange position of 0.75"]),
         ({"friction": (3.0, 30.0), "robot": robot}, ["friction is 3 to 30", "robot.stiffness is 80 N/m"]),
     ):  # fmt: skip
-        sentences = feasible.warnings(Task(**environment))
+        sentences = feasible.doubts(Task(**environment))
         assert len(sentences) == len(words), environment
         assert all(part in sentence for part, sentence in zip(words, sentences, strict=True))
 
@@ -121,3 +120,14 @@ def test_set_up_extends_another_key_by_key(tmp_path):
     assert (mine.title, mine.about, [*mine.tuned]) == ("Mine", "Mine", ["mine-profile"])
     (tmp_path / "arm.toml").write_text('extends = "mine.toml"')
     refused(lambda: load_setup(tmp_path / "arm.toml"), "extends must", "got 'arm.toml'")
+
+
+@pytest.mark.parametrize("rule", RULES.values(), ids=RULES)
+def test_set_up_tunes_a_rule_only_with_the_sensors_it_needs(rule, tmp_path):
+    for name, environment in {"without": {}, "with": rule.NEEDS}.items():
+        path, content = tmp_path / f"{name}.toml", {"baselines": {"tuned": {"mine": rule.__name__}}}
+        path.write_text(tomli_w.dumps({"environment": environment, **content}))
+        if environment == rule.NEEDS:
+            assert load_setup(path).tuned["mine"].rule is rule
+        else:
+            refused(lambda path=path: load_setup(path), f"baselines.tuned.mine: {rule.__name__} needs")

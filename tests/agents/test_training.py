@@ -12,9 +12,9 @@ from stable_baselines3.common.logger import Logger
 from tiny_training import ALL_PARTS, tiny
 
 from agents import load_setup
-from agents.baselines.tuned import load_baseline, read_tuned
 from agents.evaluate.scenario_batch import ScenarioBatch
 from agents.setups import shipped
+from agents.setups.tuned import load_baseline, read_tuned
 from agents.train.__main__ import TrainOptions, read_options
 from agents.train.imitation import Teacher
 from agents.train.networks import FastTanh

@@ -8,11 +8,12 @@ import pytest
 from refusal import refused
 
 from agents import load_setup, tune
-from agents.baselines import Clairvoyant, ConstantSpeed, PaperTrapezoid, tuned
+from agents.baselines import Clairvoyant, ConstantSpeed, PaperTrapezoid, tuned_rule
 from agents.baselines.cmaes import minimise
 from agents.baselines.rule import Parameter
-from agents.baselines.tuned import BOUND_SET, bound_of, load_baseline, read_bound, read_tuned, tuned_rule, write_bound
 from agents.evaluate.scenario_batch import ScenarioBatch
+from agents.setups import tuned
+from agents.setups.tuned import BOUND_SET, bound_of, load_baseline, read_bound, read_tuned, write_bound
 from impact_gym.support.files import locked
 from impact_gym.task import Task
 

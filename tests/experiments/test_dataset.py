@@ -13,9 +13,9 @@ import tomli_w
 from play_client import pushed
 from refusal import refused
 
-from agents.baselines import PaperTrapezoid, load_baseline
+from agents.baselines import PaperTrapezoid
 from agents.policies import load_policy
-from agents.setups import load_setup
+from agents.setups import load_baseline, load_setup
 from experiments.play import try_files
 from impact_gym.support.sources import compiled_from
 

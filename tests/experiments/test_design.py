@@ -9,9 +9,9 @@ import pytest
 
 import impact_gym as ig
 from agents.baselines import BlindProfile
-from agents.baselines.tuned import read_tuned
 from agents.evaluate.scenario_batch import TUNING_SEED, ScenarioBatch, Travel
 from agents.setups import load_setup
+from agents.setups.tuned import read_tuned
 from experiments.design.__main__ import design
 from experiments.design.findings import chart
 from experiments.design.options import CHOSEN, FRONT, PAPER, DesignOptions

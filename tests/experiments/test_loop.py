@@ -20,7 +20,7 @@ from refusal import refused
 from simulated_time import Network, Program, World
 
 from agents.export.c_header import c_text
-from agents.export.contract import Subject, of_name
+from agents.export.documentation import Exported, of_name
 from experiments.loop import __main__ as command
 from experiments.loop import arm
 from experiments.loop.arm import COMMAND, MAGIC, PERIOD, SILENCE, Line
@@ -220,8 +220,8 @@ def test_loop_has_the_object_velocity_of_the_environment(tmp_path):
 
 def test_controller_is_refused_what_the_arm_lacks(tmp_path):
     for lacks in ({"range_sensor": {"noise": 0.01}}, {"past_readings": 1}, {"alarm": "reading"}):
-        subject = Subject(made_up_policy(environment=lacks))
-        refused(partial(command.compiled, subject, "it", tmp_path), "it needs an operator")
+        exported = Exported(made_up_policy(environment=lacks))
+        refused(partial(command.compiled, exported, "it", tmp_path), "it needs an operator")
 
 
 def test_arm_and_controller_talk_over_udp(tmp_path, monkeypatch, capsys):

@@ -14,8 +14,8 @@ from printed_commands import read_printed
 
 from agents import load_policy
 from agents.baselines import PaperTrapezoid
-from agents.baselines.tuned import load_baseline
 from agents.evaluate.scenario_batch import RESULTS, ScenarioBatch
+from agents.setups import load_baseline
 from experiments.lab.study import MARK, StudyOptions, last_run, run
 from experiments.report.__main__ import ReportOptions, matchups_of, study_of
 from experiments.report.matchups import BOUND, PAPER

@@ -12,7 +12,7 @@ from own_set_up import change
 from refusal import refused
 
 from agents.evaluate.play import play
-from agents.export.contract import of_name
+from agents.export.documentation import of_name
 from agents.setups import load_setup
 from agents.setups.evaluation import Evaluation
 from experiments.controller import ControllerOptions, copy_setup, exporting, stages

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 import tyro
 
-from agents.baselines.tuned import FIXED
+from agents.baselines import FIXED
 from agents.setups import shipped, shipped_baselines
 from experiments import studies
 from experiments.command import COMMANDS

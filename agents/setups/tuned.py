@@ -1,22 +1,19 @@
-"""Load baselines by name; read and write the files of tuned baselines and of the clairvoyant bound.
+"""Load baselines by name; read and write a set-up's files of tuned baselines and of the clairvoyant bound.
 
 The file of a tuned baseline is JSON with a checksum. The file of a bound holds, for each scenario, the best parameters
 found for `Clairvoyant`, a rule that knows the scenario. Another controller could still have a lower cost.
 """
 
-import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from pkgutil import resolve_name
 from typing import Any
 
-from agents import setups
-from agents.baselines.profile import Clairvoyant
-from agents.baselines.rule import Floats, Rule, ranges_for
+from agents.baselines import FIXED, RULES, Clairvoyant, Rule, tuned_rule
+from agents.baselines.rule import Floats, ranges_for
 from agents.policies import Controller
-from agents.setups import TUNED, Setup, owner, shipped_baselines
-from impact_gym.support.archive import archive_of, read_archive
+from agents.setups.setup import TUNED, Setup, owner, shipped_baselines
+from impact_gym.support.archive import archive_of, checksum, read_archive, refuse_altered
 from impact_gym.support.files import parsed, write_file
 from impact_gym.support.validation import nearest, number
 from impact_gym.task import Task
@@ -25,8 +22,6 @@ FORMAT = "impact_gym tuned baseline 1"
 BOUND_FORMAT = "impact_gym clairvoyant 2"
 BOUND_SET = "test"  # name of the shipped set of scenarios for which a bound is searched
 BOUND_GENERATIONS = 150  # largest number of generations in the search for each scenario
-RULES: dict[str, type[Rule]] = {name: resolve_name(f"agents.baselines:{name}") for name in setups.RULES}
-FIXED: dict[str, Any] = {name: resolve_name(f"agents.baselines:{kind}") for name, kind in setups.FIXED.items()}
 
 
 def load_baseline(name: str | Path, time_weight: float = 2.0, folder: Path | str | None = None) -> Controller:
@@ -39,31 +34,18 @@ def load_baseline(name: str | Path, time_weight: float = 2.0, folder: Path | str
     number("time_weight", time_weight, "m/s per s", above=0)
     if name in FIXED:
         return FIXED[name]()
-    path, place = Path(folder or "", name), Path(folder) if folder else None
-    name, place = (path.stem, path.parent) if path.suffix == ".json" else (str(name), place)
-    return tuned_rule(read_tuned(name, place)).at(time_weight)
+    return tuned_rule(read_tuned(name, Path(folder) if folder else None)).at(time_weight)
 
 
-def tuned_rule(content: Mapping[str, Any]) -> Rule:
-    """Return the rule from the content of a tuned baseline's file, with its parameters for all time weights."""
-    if not content["weights"]:
-        raise ValueError(f"the file of baseline {content['baseline']!r} has no time weight: run impact-gym tune")
-    tuned = {float(weight): found["parameters"] for weight, found in content["weights"].items()}
-    # the order of the parameters in an entry of "weights" may differ from that in "parameters"
-    weights, names = sorted(tuned), [parameter["name"] for parameter in content["parameters"]]
-    table = [[tuned[weight][name] for name in names] for weight in weights]
-    task = Task(**content["environment"])
-    rule = RULES[content["rule"]].of(table, ranges_for(task)).for_task(task)
-    rule.weights = weights
-    return rule
-
-
-def read_tuned(name: str, folder: Path | None = None, setup: Setup | None = None) -> dict[str, Any]:
+def read_tuned(name: str | Path, folder: Path | None = None, setup: Setup | None = None) -> dict[str, Any]:
     """Return the content of a tuned baseline's file; its entry "weights" has the result for each time weight.
 
-    The file must fit the set-up that tunes the baseline, see `owner`. Default folder: the subfolder `tuned` of the
-    set-up's folder, or TUNED if no set-up tunes the baseline.
+    `name` is the baseline's name, or the path of its JSON file (in `folder`). The file must fit the set-up that tunes
+    the baseline, see `owner`. Default folder: the subfolder `tuned` of the set-up's folder, or TUNED if no set-up tunes
+    the baseline.
     """
+    path = Path(folder or "", name)
+    name, folder = (path.stem, path.parent) if path.suffix == ".json" else (str(name), folder)
     setup = owner(name, setup)
     path = (folder or (setup.folder / "tuned" if setup else TUNED)) / f"{name}.json"
     if setup is None and not path.is_file():
@@ -73,12 +55,9 @@ def read_tuned(name: str, folder: Path | None = None, setup: Setup | None = None
         raise ValueError(f"baseline {name!r} was not tuned (there is no file {path}): {remedy}")
     try:
         content: dict[str, Any] = parsed(path, "JSON", json.loads)
-        rest = {field: value for field, value in content.items() if field != "sha256"}
-        checksum = hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
-        if checksum != content["sha256"]:
-            raise ValueError(f"its checksum is {checksum}, not {content['sha256']}: it was altered or damaged")
+        refuse_altered(content["sha256"], {field: value for field, value in content.items() if field != "sha256"})
         task = Task(**content["environment"])
-        expected = _description(name, setup.tuned[name].rule if setup else content["rule"], task)
+        expected = _description(name, setup.tuned[name].rule if setup else RULES[content["rule"]], task)
         other = [field for field, value in expected.items() if content[field] != value]
         if setup and not setup.describes(task):
             other.append("environment")
@@ -95,15 +74,14 @@ def write_tuned(name: str, weights: Mapping[str, Any], setup: Setup, folder: Pat
     ordered = {key: weights[key] for key in sorted(weights, key=float)}
     made_for = {**_description(name, setup.tuned[name].rule, setup.task), "environment": dict(setup.environment)}
     content = json.loads(json.dumps({**made_for, "weights": ordered}))
-    checksum = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-    text = json.dumps({**content, "sha256": checksum}, indent=2)
+    text = json.dumps({**content, "sha256": checksum(content)}, indent=2)
     return write_file(folder / f"{name}.json", text + "\n")
 
 
-def _description(name: str, rule: str, task: Task) -> dict[str, Any]:
-    fields, parameters = ("name", "unit", "low", "high"), RULES[rule].limited(ranges_for(task))
+def _description(name: str, rule: type[Rule], task: Task) -> dict[str, Any]:
+    fields, parameters = ("name", "unit", "low", "high"), rule.limited(ranges_for(task))
     limits = [{field: getattr(parameter, field) for field in fields} for parameter in parameters]
-    return {"format": FORMAT, "baseline": name, "rule": rule, "parameters": limits}
+    return {"format": FORMAT, "baseline": name, "rule": rule.__name__, "parameters": limits}
 
 
 def bound_path(setup: Setup, folder: Path = TUNED) -> Path:

@@ -1,6 +1,5 @@
-"""Controllers to export, and the contract: text for users in every exported file."""
+"""Controllers to export, and the documentation: text for users in every exported file."""
 
-import hashlib
 import json
 from collections.abc import Iterator
 from dataclasses import asdict
@@ -9,15 +8,15 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
-from agents.baselines import Rule
-from agents.baselines.tuned import FIXED, load_baseline, read_tuned, tuned_rule
+from agents.baselines import FIXED, Rule, tuned_rule
 from agents.policies import Policy, load_policy
 from agents.policies.networks import to_arrays
 from agents.setups import Setup, load_setup, owner, shipped, shipped_baselines
 from agents.setups.setup import UNSAID
+from agents.setups.tuned import read_tuned
+from impact_gym.support.archive import checksum
 from impact_gym.support.provenance import todays
 from impact_gym.support.validation import nearest
 from impact_gym.task import QUANTITIES, ObservationSpec
@@ -49,7 +48,7 @@ OPERATOR = (
 )
 
 
-class Subject:
+class Exported:
     """A controller to export: a policy, or a rule with its parameters for one time weight or several."""
 
     def __init__(self, controller: Policy | Rule, validation: Any = None, command: str = "") -> None:
@@ -72,14 +71,12 @@ class Subject:
         return self.controller.at(time_weight) if isinstance(self.controller, Rule) else self.controller
 
     @cached_property
-    def contract(self) -> dict[str, str]:
-        """The entries of the contract by name. Each entry is JSON that is safe inside a comment in C, see `_plain`."""
+    def documentation(self) -> dict[str, str]:
+        """The entries by name. Each entry is JSON that is safe inside a comment in C, see `_plain`."""
         content = {name: _plain(value) for name, value in self._entries()}
-        digest = hashlib.sha256(json.dumps(content).encode())
         arrays = [self.controller.parameters] if isinstance(self.controller, Rule) else []
-        for array in to_arrays(self.policy.network).values() if self.policy else arrays:
-            digest.update(np.ascontiguousarray(array).tobytes())
-        return content | {"checksum": _plain(f"SHA-256 {digest.hexdigest()} of all of the above and the parameters")}
+        digest = checksum(json.dumps(content), *(to_arrays(self.policy.network).values() if self.policy else arrays))
+        return content | {"checksum": _plain(f"SHA-256 {digest} of all of the above and the parameters")}
 
     def _entries(self) -> Iterator[tuple[str, Any]]:
         task = self.task
@@ -120,34 +117,32 @@ def _plain(value: Any) -> str:
     return text.replace("*/", "*\\u002f").replace("/*", "/\\u002a").replace("??", "?\\u003f")
 
 
-def of_baseline(name: str, setup: Setup | None = None, folder: Path | None = None) -> Subject:
-    """Return a tuned baseline (see `read_tuned`), or a baseline of FIXED for the environment of `setup`."""
+def of_baseline(name: str, setup: Setup | None = None, folder: Path | None = None) -> Exported:
+    """Return a tuned baseline, by its name or file (see `read_tuned`), or one of FIXED for the task of `setup`."""
     if name in FIXED:
-        rule: Any = load_baseline(name)
-        return Subject(rule.for_task(setup.task) if setup else rule)
+        rule = FIXED[name]()
+        return Exported(rule.for_task(setup.task) if setup else rule)
     content = read_tuned(name, folder, setup)
     validation = {weight: found.get("validation") for weight, found in content["weights"].items()}
-    made_for = owner(name, setup)
-    command = f"impact-gym tune {made_for.called} --names {name}" if made_for else "impact-gym tune"
-    return Subject(tuned_rule(content), validation, command)
+    made_for = owner(content["baseline"], setup)
+    command = f"impact-gym tune {made_for.called} --names {content['baseline']}" if made_for else "impact-gym tune"
+    return Exported(tuned_rule(content), validation, command)
 
 
-def of_name(name: str, setup: Setup | None = None) -> Subject:
+def of_name(name: str, setup: Setup | None = None) -> Exported:
     """Return the controller that `name` means: a baseline, a tuned baseline's file, or a policy, see `load_policy`."""
     if setup and Path(name).stem not in (own := [*FIXED, *setup.tuned]):
         raise ValueError(f"{name} is no baseline of {setup.called}: leave out --setup, or name one of {', '.join(own)}")
-    if name in (*FIXED, *shipped_baselines(), *(setup.tuned if setup else ())):
+    if name in (*FIXED, *shipped_baselines(), *(setup.tuned if setup else ())) or name.endswith(".json"):
         return of_baseline(name, setup)
-    if name.endswith(".json"):
-        return of_baseline(Path(name).stem, setup, Path(name).parent)
     if name.endswith(".toml"):
         raise ValueError(f"{name} is a set-up: add --all, or name a controller")
     if not Path(name).exists() and name not in shipped():
         raise ValueError(nearest("controller", name, [*shipped(), *FIXED, *shipped_baselines()]))
-    return Subject(load_policy(name))
+    return Exported(load_policy(name))
 
 
-def of_setup(setup: Setup, folder: Path | None = None) -> dict[str, Subject]:
+def of_setup(setup: Setup, folder: Path | None = None) -> dict[str, Exported]:
     """Return a set-up's controllers by name: untuned rules, and the controllers in `folder`."""
     folder, found = folder or setup.folder, {}
     for name in ("paper-trapezoid", "local-brake", *(["operator-alone"] if setup.environment.get("operator") else [])):
@@ -158,7 +153,7 @@ def of_setup(setup: Setup, folder: Path | None = None) -> dict[str, Subject]:
         except ValueError as reason:
             print(f"{name} is left out: {reason}")
     if (path := folder / "policies" / f"{setup.name}.npz").is_file():
-        found[setup.name] = Subject(load_policy(path))
+        found[setup.name] = Exported(load_policy(path))
     else:
         remedy = f"run impact-gym train {setup.called} --seeds {setup.seeds} --policies {path.parent}"
         print(f"{setup.name} is left out: there is no {path}; {remedy}")
