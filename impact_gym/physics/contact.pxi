@@ -89,15 +89,6 @@ cdef inline double contact_force(const Contact *law, double z, double w) noexcep
     return law.held * root_power(z, law.m, law.twice_m) + law.damping * root_power(z, law.n, law.twice_n) * w
 
 
-cdef inline double impulse_rate(const Contact *law, double z, double w) noexcept nogil:
-    """Return z f, the derivative of the impulse by s."""
-    cdef double fourth
-    if is_hertz(law):
-        fourth = (z * z) * (z * z)
-        return fourth * law.held + (fourth * law.damping) * w  # w is computed last, so few operations wait for it
-    return z * contact_force(law, z, w)
-
-
 cdef inline (double, double) contact_gradient(const Contact *law, double z, double w) noexcept nogil:
     cdef double u_m, u_n
     if is_hertz(law):

@@ -154,9 +154,6 @@ cdef double reach_at_rest(const Run *run, const Chain *chain) noexcept nogil:
         return INFINITY
     if law.kind == RIGID:
         return 0.0
-    if law.kind == SPRING:
-        k = relative_force(law.frequency, law.damping_ratio, chain.deflection, chain.deflection_rate) - push / mass
-        return slow_swing(chain.deflection_rate, k, law.frequency)
     now, k = motion_now(run, chain, 0.0, push), law.stiffness
     if law.intervals:
         table = robot_table(run)
@@ -179,19 +176,20 @@ cdef inline double slow_swing(double velocity, double acceleration, double frequ
 
 cdef void note_tool_rest(const Run *run, Chain *chain) noexcept nogil:
     """With friction, set `tool_rest_time`, the time (s) from which the tool counts as at rest; inf: not at rest."""
-    if run.ground > 0.0:
-        chain.tool_rest_time = min(chain.tool_rest_time, chain.time) if reach_at_rest(run, chain) < INFINITY else INFINITY
+    cdef bint rests = run.ground > 0.0 and reach_at_rest(run, chain) < INFINITY
+    chain.tool_rest_time = min(chain.tool_rest_time, chain.time) if rests else INFINITY
 
 
 cdef void record_rest(const Run *run, Chain *chain, double distance) noexcept nogil:
     """With friction, store `slide` and `rest_time`, as if no contact followed. The object began at `distance` (m)."""
-    cdef double speed = max(object_velocity(chain), 0.0)
+    cdef double rest, speed = max(object_velocity(chain), 0.0)
     if run.ground == 0.0:
         return
     if chain.peak_object_velocity > 0.0:
         chain.slide = tool_position(chain) - chain.penetration - distance
         chain.slide += 0.5 * speed * speed / run.ground
-    chain.rest_time = max(chain.tool_rest_time, chain.object_rest_time if chain.object_state == STUCK else chain.time + speed / run.ground)
+    rest = chain.object_rest_time if chain.object_state == STUCK else chain.time + speed / run.ground
+    chain.rest_time = max(chain.tool_rest_time, rest)
 
 
 cdef struct Approach:  # scene and motion of an approach
@@ -256,7 +254,7 @@ cpdef double separation_velocity(double damping, double stiffness_exponent, doub
     cdef Chain chain
     memset(&law, 0, sizeof(law))
     memset(&run, 0, sizeof(run))
-    law.kind = RIGID
+    law.kind, law.coupled = RIGID, 1
     run.law, run.work = &law, &work
     run.contact = contact_of(1.0, damping, stiffness_exponent, damping_exponent, 0.0)
     run.object_mass, run.threshold, run.tolerance, run.max_steps = 1.0, INFINITY, 1e-13, 1000000

@@ -1,4 +1,4 @@
-"""Bounds on the motion of an INTEGRATED chain (see `integrated.pxi`)."""
+"""Bounds on the motion of chains that deflect, by their energy (see `general.pxi`)."""
 
 
 cdef inline double coupling_energy(const Law *law, double stretch) noexcept nogil:
@@ -17,7 +17,7 @@ cdef inline double coupling_reach(const Law *law, double stretch, double kinetic
 cdef inline double moving_mass(const Run *run, double position) noexcept nogil:
     """Return the mass that strikes the object, kg: the tool's; with a DIRECT coupling also a compliant robot's."""
     cdef RobotTable table
-    if run.law.kind != INTEGRATED or run.law.coupled:
+    if run.law.coupled:
         return run.law.tool_mass
     table = robot_table(run)
     return run.law.tool_mass + robot_at(&table, position).mass
@@ -83,12 +83,12 @@ cdef double longest_blind_step(const Piece *now, const double *x, double longest
     return shortest
 
 
-cdef double integrated_reach(const Run *run, const Chain *chain) noexcept nogil:
+cdef double deflection_reach(const Run *run, const Chain *chain) noexcept nogil:
     """Return a bound on the future deflection, m, if the imposed motion stays at rest and no contact occurs."""
     cdef const Law *law = run.law
     cdef RobotTable table = robot_table(run)
     cdef RobotNow robot
-    cdef double stretch = chain.deflection - chain.flange_offset
+    cdef double energy, stretch = chain.deflection - chain.flange_offset
     cdef double outside = 0.5 * law.tool_mass * chain.deflection_rate * chain.deflection_rate
     if not law.intervals:
         return coupling_reach(law, stretch, outside)
@@ -97,4 +97,5 @@ cdef double integrated_reach(const Run *run, const Chain *chain) noexcept nogil:
         return hypot(chain.deflection, chain.deflection_rate * sqrt((robot.mass + law.tool_mass) / robot.stiffness))
     outside += 0.5 * robot.mass * chain.flange_offset_rate * chain.flange_offset_rate
     outside += 0.5 * robot.stiffness * chain.flange_offset * chain.flange_offset
-    return coupling_reach(law, stretch, outside) + sqrt(2.0 * (outside + coupling_energy(law, stretch)) / robot.stiffness)
+    energy = outside + coupling_energy(law, stretch)
+    return coupling_reach(law, stretch, outside) + sqrt(2.0 * energy / robot.stiffness)

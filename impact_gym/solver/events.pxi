@@ -53,12 +53,12 @@ cdef void evaluate_events(const Piece *now, const double *x, const double *rate,
 
 cdef void evaluate_object_events(const Piece *now, const double *x, const double *rate, Events *events) noexcept nogil:
     """Compute the rows SLIP, REST and TOP of an object with friction. The row FORCE must be known."""
-    cdef double speed = -x[RATE], gain = now.push * rate[TIME] - rate[RATE]
+    cdef double push = now.acceleration * now.units.time / now.units.velocity
+    cdef double speed = -x[RATE], gain = push * rate[TIME] - rate[RATE]
     events.value[SLIP] = events.height[SLIP] = events.height[FORCE] - now.friction
     events.slope[SLIP] = events.slope[FORCE]
     speed += (now.velocity + now.acceleration * x[TIME] * now.units.time) / now.units.velocity
-    if now.law.kind != RIGID:
-        speed, gain = speed + x[DEFLECTION_RATE], gain + rate[DEFLECTION_RATE]
+    speed, gain = speed + x[DEFLECTION_RATE], gain + rate[DEFLECTION_RATE]
     events.value[REST] = events.height[REST] = -speed - now.standstill
     events.slope[REST] = -gain
     events.value[TOP], events.height[TOP], events.slope[TOP] = -1.0, speed, gain
@@ -171,7 +171,8 @@ cdef int before_landing(const Piece *now, const Events *end, int landed, bint un
 
 cdef double extremum(double start, double start_slope, double end, double end_slope) noexcept nogil:
     """Return where in (0, 1) a cubic is largest, given values and slopes at 0 and 1; it rises at 0 and falls at 1."""
-    cdef double a = 3.0 * (end - start) - 2.0 * start_slope - end_slope, b = start_slope + end_slope - 2.0 * (end - start)
+    cdef double a = 3.0 * (end - start) - 2.0 * start_slope - end_slope
+    cdef double b = start_slope + end_slope - 2.0 * (end - start)
     cdef double root = sqrt(max(a * a - 3.0 * b * start_slope, 0.0))
     cdef double place = -start_slope / (a - root)
     return place if 0.0 < place < 1.0 else 0.5
@@ -278,7 +279,8 @@ cdef double crossing_share(
 cdef double clock_share(const Piece *now, const Work *work, double h) noexcept nogil:
     """Estimate the fraction of the step at which the piece ends, from t, z, w and dw/ds at the step's ends."""
     cdef double v0 = h * work.x[ROOT], a0 = 0.25 * h * h * work.x[RATE], j0 = h * h * h / 12.0 * work.rate[RATE]
-    cdef double v1 = h * work.trial[ROOT], a1 = 0.25 * h * h * work.trial[RATE], j1 = h * h * h / 12.0 * work.trial_rate[RATE]
+    cdef double v1 = h * work.trial[ROOT], a1 = 0.25 * h * h * work.trial[RATE]
+    cdef double j1 = h * h * h / 12.0 * work.trial_rate[RATE]
     cdef double way = work.trial[TIME] - work.x[TIME], left = now.horizon - work.x[TIME]
     # A polynomial of degree 7 in `share` interpolates time. At the step's end, its terms up to degree 3 miss time by p,
     # and their first three derivatives (divided by 1, 2 and 6) miss those of time by q, r and t.

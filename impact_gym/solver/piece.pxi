@@ -2,58 +2,50 @@
 
 cdef enum:
     DEFLECTION = 4, DEFLECTION_RATE = 5  # indices in the scaled state (after z, w, t, impulse): deflection and its rate
-    DEFLECTION_INTEGRAL = 6  # only in a SPRING chain
-    PULL_IMPULSE = 6, JOINED = 7, OFFSET = 8, OFFSET_RATE = 9  # only in an INTEGRATED chain, see `integrated.pxi`
+    DEFLECTION_INTEGRAL = 6  # only in an analytic piece
+    PULL_IMPULSE = 6, JOINED = 7, OFFSET = 8, OFFSET_RATE = 9  # only in a general piece, see `general.pxi`
+
+cdef int[3] WIDTHS  # numbers of components that can differ from 0 and count for the error, by kind of chain
+WIDTHS[:] = [IMPULSE + 1, PULL_IMPULSE + 1, OFFSET_RATE + 1]
 
 cdef double STANDSTILL = 1e-13  # (rounding error of the object's speed as a slip starts) / (approach + flange speed)
 
 
 cdef struct Piece:
     const Law *law
-    int width  # number of components of the scaled state
+    int width  # of WIDTHS
     Units units
-    bint analytic  # whether steps can use Taylor series (`taylor.h`): m = n = 3/2 in a RIGID or SPRING chain
+    bint analytic  # 1: m = n = 3/2 in a RIGID or SPRING chain, see `series.pxi`; 0: a general piece, see `general.pxi`
+    Polynomial polynomial  # the equations of an analytic piece
     bint flying  # whether the piece is a flight; then scaled penetration replaces z, and scaled time replaces s
     const Contact *grip  # the contact law (see `contact.pxi`); its force f can be negative
     Contact contact  # the same law, but f = 0 while `Chain.holding` is 0
     bint rough  # whether there is friction under the object
     int object_state  # SLIDING or STUCK
     double friction  # scaled largest friction force on the object, mu m_p g
-    double ground  # scaled deceleration of the object by friction; 0 if the object sticks
+    double push  # scaled acceleration of the imposed motion; 0 in a RIGID chain, where `ground` contains it
+    double ground  # scaled deceleration of the object by friction, 0 if the object sticks
     double standstill  # scaled speed; a sliding object counts as at rest when it moves backwards faster than this
-    double share  # scaled deceleration of the tool relative to the object, per unit of f; 1 if the object slides
     double tolerance  # -, allowed local error of a step
     double threshold  # scaled force threshold, `Run.threshold` / `units.force`
     double horizon  # scaled duration of the piece, unless an event ends it earlier
     double position, velocity, acceleration  # m, m/s, m/s^2, of the imposed motion, at the start of the piece
 
-    # scaled with `units`; the last three numbers are set only in a SPRING chain
-    double push  # acceleration of the imposed motion
-    double pull_y, pull_y_dot  # acceleration of the tool per deflection (spring), per deflection rate (damper)
-    double tool_share  # ratio of the reduced mass of tool and object to the tool mass
-
-    # only in an INTEGRATED chain
+    # only in a general piece
+    bint deflects  # whether the tool can leave the imposed motion: not in a RIGID chain
+    bint yields  # whether the chain is INTEGRATED and has a compliant robot
     RobotTable robot
     int place  # index of the interval in the robot's table that applies in this piece
     RobotNow lumped  # the robot's parameters, if its table has one interval
     double per_acceleration  # scaled value of 1 m/s^2
-    double tool_rate, object_rate  # scaled acceleration of tool, and of object, by a force of 1 N
+    double tool_rate, object_rate  # scaled acceleration by a force of 1 N, of the tool (0 in a RIGID chain) and object
     double per_force  # scaled value of 1 N
     int pressed, side  # `Chain.pressed`, `Chain.side`
 
 
-cdef void store_common(const Piece *now, const Chain *base, const double *x, Chain *chain) noexcept nogil:
-    """Write into `chain` the components of `x` that all chains have; `base` is the chain at the start of the piece."""
-    cdef double elapsed = x[TIME] * now.units.time
-    chain.time = base.time + elapsed
-    chain.flange_position = base.flange_position + elapsed * (base.flange_velocity + 0.5 * now.acceleration * elapsed)
-    chain.flange_velocity = base.flange_velocity + now.acceleration * elapsed
-    chain.penetration_rate = x[RATE] * now.units.velocity
-    if now.flying:
-        chain.penetration = x[ROOT] * now.units.length
-    else:
-        chain.penetration = x[ROOT] * x[ROOT] * now.units.length
-        chain.impulse = base.impulse + x[IMPULSE] * now.units.force * now.units.time
+cdef inline bint has_series(const Run *run) noexcept nogil:
+    """Return whether contacts have a Taylor series (`taylor.h`)."""
+    return run.law.kind != INTEGRATED and is_hertz(&run.contact)
 
 
 cdef inline double object_velocity(const Chain *chain) noexcept nogil:

@@ -4,7 +4,7 @@ empty, no trace point is computed."""
 
 cdef void close_contact(const Run *run, Chain *chain, double end) noexcept nogil:
     """Add the present contact to the totals of `chain` and to the contact log. `end` (s): nan if unfinished."""
-    cdef double impulse = coupling_impulse(run.law, chain)
+    cdef double impulse = coupling_impulse(run, chain)
     cdef double given = run.object_mass * (object_velocity(chain) - chain.start_object_velocity)
     cdef double residual = tool_momentum(run, chain) + given - impulse  # N s, of the momentum balance (paper, eq. 20)
     if run.ground > 0.0:

@@ -78,7 +78,10 @@ cdef double stiff_step(const Piece *now, Work *work, double h) noexcept nogil:
 
 
 cdef void invert(int n, double[WIDTH] *matrix) noexcept nogil:
-    """Replace the first `n` rows and columns of `matrix` by their inverse, transposed (Gauss-Jordan, with pivots)."""
+    """Replace the first `n` rows of `matrix` by the transposed inverse of its first `n` rows and columns, and by zeros.
+
+    The method is that of Gauss and Jordan, with pivots.
+    """
     cdef double[WIDTH][WIDTH] inverse
     cdef int k, row, column, pivot
     cdef double share
@@ -104,5 +107,5 @@ cdef void invert(int n, double[WIDTH] *matrix) noexcept nogil:
                     matrix[row][column] -= share * matrix[k][column]
                     inverse[row][column] -= share * inverse[k][column]
     for row in range(n):
-        for column in range(n):
+        for column in range(WIDTH):
             matrix[row][column] = inverse[column][row]

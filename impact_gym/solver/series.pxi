@@ -1,24 +1,62 @@
-"""Steps by Taylor series, for analytic pieces. `taylor.h` computes the series; this file chooses and takes the step."""
+"""Analytic pieces: contacts with m = n = 3/2 of a RIGID or SPRING chain, whose equations are polynomials.
+
+`taylor.h` computes the Taylor series of the state; this file chooses and takes the step.
+"""
 
 cdef enum:
     LAST_ORDERS = 3  # number of last orders that give the radius of convergence; one of them can be all 0
 
 cdef double LEFT_OUT = 0.05  # largest truncation error / allowed local error, small because a contact's errors add up
 cdef double MOST_LEFT_OUT = 2e-8  # largest truncation error at any tolerance, because the errors of contacts add up
-cdef double TOO_STEEP = 1e30  # above this sum of squares of an order's weighted coefficients, the explicit pair is used
+cdef double TOO_STEEP = 1e30  # above this sum of squares of an order's weighted coefficients, the L-stable pair is used
+
+
+cdef void begin_analytic(const Run *run, Piece *now) noexcept nogil:
+    """Set `now.polynomial`; in a RIGID chain the tool is infinitely heavy and has no spring."""
+    cdef const Law *law = run.law
+    cdef Polynomial *equations = &now.polynomial
+    memset(equations, 0, sizeof(Polynomial))
+    equations.held, equations.damping = now.contact.held, now.contact.damping
+    equations.ground, equations.push = now.ground, now.push
+    if law.kind == SPRING:
+        equations.pull_y = -law.frequency * law.frequency * now.units.time * now.units.time
+        equations.pull_y_dot = -2.0 * law.damping_ratio * law.frequency * now.units.time
+        equations.tool_share = run.object_mass / (law.tool_mass + run.object_mass)
+    equations.share = equations.tool_share if now.object_state == STUCK else 1.0
+
+
+cdef void analytic_rates(const Polynomial *law, const double *x, double *rate) noexcept nogil:
+    """Write d/ds (`contact.pxi`) of z, w, time, impulse, y, v and the integral of y (paper, eq. 6 and 17-18)."""
+    cdef double z = x[ROOT], w = x[RATE], fourth = (z * z) * (z * z)
+    cdef double impulse = fourth * law.held + (fourth * law.damping) * w
+    cdef double pull = z * (law.pull_y * x[DEFLECTION] + law.pull_y_dot * x[DEFLECTION_RATE])
+    rate[ROOT] = 0.5 * w
+    rate[RATE] = (pull + z * law.ground) - law.share * impulse
+    rate[TIME] = z
+    rate[IMPULSE] = impulse
+    rate[DEFLECTION] = z * x[DEFLECTION_RATE]
+    rate[DEFLECTION_RATE] = (pull - z * law.push) - law.tool_share * impulse
+    rate[DEFLECTION_INTEGRAL] = z * x[DEFLECTION]
+
+
+cdef void analytic_jacobian(const Piece *now, const double *x, double[WIDTH] *J) noexcept nogil:
+    """Write the derivatives of `analytic_rates` into `J`, whose elements are 0."""
+    cdef const Polynomial *law = &now.polynomial
+    cdef double z = x[ROOT], pull = law.pull_y * x[DEFLECTION] + law.pull_y_dot * x[DEFLECTION_RATE]
+    contact_rows(now, x, J)
+    J[RATE][ROOT] = pull + law.ground - law.share * J[IMPULSE][ROOT]
+    J[RATE][RATE] = -law.share * J[IMPULSE][RATE]
+    J[DEFLECTION_RATE][ROOT] = pull - law.push - law.tool_share * J[IMPULSE][ROOT]
+    J[DEFLECTION_RATE][RATE] = -law.tool_share * J[IMPULSE][RATE]
+    J[RATE][DEFLECTION] = J[DEFLECTION_RATE][DEFLECTION] = z * law.pull_y
+    J[RATE][DEFLECTION_RATE] = J[DEFLECTION_RATE][DEFLECTION_RATE] = z * law.pull_y_dot
+    J[DEFLECTION][ROOT], J[DEFLECTION][DEFLECTION_RATE] = x[DEFLECTION_RATE], z
+    J[DEFLECTION_INTEGRAL][ROOT], J[DEFLECTION_INTEGRAL][DEFLECTION] = x[DEFLECTION], z
 
 
 cdef void expand(const Piece *now, Work *work) noexcept nogil:
     """Compute the Taylor series of the state at `work.x`, and the longest accurate step, 0 if unknown."""
-    cdef Polynomial law = Polynomial(
-        now.contact.held, now.contact.damping, now.share, now.ground,
-        now.tool_share, now.push, now.pull_y, now.pull_y_dot,
-    )
-    if now.law.kind == RIGID:  # the equations of a SPRING chain without spring force
-        law.ground += now.push
-        law.tool_share = law.push = law.pull_y = law.pull_y_dot = 0.0
-        work.x[DEFLECTION] = work.x[DEFLECTION_RATE] = work.x[DEFLECTION_INTEGRAL] = 0.0
-    expand_polynomial(&law, work.x, work.series)
+    expand_polynomial(&now.polynomial, work.x, work.series)
     work.expanded, work.longest = True, longest_by_series(now, work)
 
 
@@ -59,13 +97,12 @@ cdef void evaluate(const Piece *now, const Work *work, double h, double *x, doub
 
 cdef double fastest(const Piece *now, const double *x, const double *rate) noexcept nogil:
     """Return the larger absolute eigenvalue, of the contact alone or of the spring alone, in an analytic piece."""
-    cdef double z = x[ROOT], force, spring = 0.0
-    if now.law.kind == SPRING:
-        spring = z * largest_root(-now.pull_y_dot, -now.pull_y)
+    cdef const Polynomial *law = &now.polynomial
+    cdef double z = x[ROOT], force, spring = z * largest_root(-law.pull_y_dot, -law.pull_y)
     if z <= 0.0:
         return spring
-    force = now.share * z * z * z * (now.contact.held + now.contact.damping * x[RATE])
-    return max(spring, largest_root(now.share * now.contact.damping * z * z * z * z, 1.5 * force - 0.5 * rate[RATE] / z))
+    force = law.share * z * z * z * (law.held + law.damping * x[RATE])
+    return max(spring, largest_root(law.share * law.damping * z * z * z * z, 1.5 * force - 0.5 * rate[RATE] / z))
 
 
 cdef inline double largest_root(double b, double c) noexcept nogil:

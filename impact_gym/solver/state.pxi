@@ -1,7 +1,7 @@
 """The structures of the solver; some are also NumPy types (`kernels.pyx`). A chain is robot, coupling and tool."""
 
 cpdef enum:  # kinds of chain; RIGID: the tool has the imposed motion; SPRING: one mass on a spring and damper;
-    RIGID, SPRING, INTEGRATED  # INTEGRATED: every other chain
+    RIGID, SPRING, INTEGRATED  # INTEGRATED: every other chain, whose flights have no closed form
 
 cpdef enum:
     ARRIVED = 0  # the requested time is reached
@@ -42,12 +42,11 @@ cdef struct Law:  # the simplest chain that is equivalent to a mount
     double tool_mass  # kg, mass of the tool; in a SPRING chain with a LUMPED robot, mass of robot and tool
     double frequency  # rad/s, undamped angular frequency of a SPRING chain
     double damping_ratio  # -, of a SPRING chain
-    int64_t coupled  # only in an INTEGRATED chain; 1: the coupling is elastic; 0: tool and flange are one mass
+    int64_t coupled  # 0: in an INTEGRATED chain, tool and flange of a compliant robot are one mass; else 1
     int64_t with_tool  # 1: the robot is compliant and the coupling is DIRECT, so the flange moves with the tool
     int64_t bistable  # 1: the coupling is a bistable mechanism
     int64_t stops  # 1: the coupling has stops; then `mechanism` describes the whole coupling, linear or not
-    double stiffness  # N/m, of a SPRING_DAMPER coupling in an INTEGRATED chain
-    double damping  # N s/m, of a SPRING_DAMPER coupling in an INTEGRATED chain
+    double stiffness, damping  # N/m, N s/m, of a SPRING_DAMPER coupling, or of the robot in a SPRING chain; else 0
     Mechanism mechanism
     int64_t table  # index of the robot's table in `Run.tables`; -1: the table is the field `lumped`
     int64_t intervals  # number of intervals of the table in an INTEGRATED chain; 0: the robot is rigid
@@ -91,9 +90,9 @@ cdef struct Chain:  # state of motion of chain and object, and results so far
     double damping  # -, damping factor
     double impulse  # N s, of the contact force on the object, so far
     double ground_impulse  # N s, backward impulse of the ground's friction on the object
-    double deflection_integral  # m s, time integral of the deflection, in a SPRING chain
-    double pull_impulse  # N s, time integral of `Accelerations.pull`, in an INTEGRATED chain
-    double joined  # N s, momentum of robot mass that has joined the moving part, see `integrated.pxi`
+    double deflection_integral  # m s, time integral of the deflection, in analytic pieces
+    double pull_impulse  # N s, time integral of `Accelerations.pull`, in general pieces
+    double joined  # N s, momentum of robot mass that has joined the moving part, see `general.pxi`
     double contact_peak_force  # N, largest contact force so far
     Memory memory
 
@@ -156,7 +155,7 @@ cdef extern from "solver/taylor.h" nogil:
 
 
 cdef enum:
-    WIDTH = 10  # number of components of the longest scaled state, that of an INTEGRATED chain
+    WIDTH = 10  # number of components of the longest scaled state
     KEPT = 8  # largest number of stored stages: 7 of an explicit step (for its polynomial), 8 of a stiff step
 
 

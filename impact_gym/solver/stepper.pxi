@@ -1,10 +1,10 @@
 """One step of the integrator: by a Taylor series, by the explicit pair DOP853, or by the L-stable pair Rodas5P.
 
-A step uses a Taylor series (`series.pxi`) if the piece is analytic (see `Piece`) and the series is not too steep,
-otherwise the explicit pair. The last two stages of the explicit pair are both at the end of the step. As in Hairer's
-code, the largest eigenvalue lambda is about (difference of their rates) / (difference of their states). Near the limit
-of stability, h lambda about 6, the error estimate keeps the step h short. After repeated attempts near this limit, the
-L-stable pair is used. After TRY attempts of that pair, the series or explicit pair is tried, and kept if it succeeds.
+An analytic piece (`series.pxi`) uses Taylor series, and a general piece (`general.pxi`) the explicit pair. The last two
+stages of the explicit pair are both at the end of the step. As in Hairer's code, the largest eigenvalue lambda is about
+(difference of their rates) / (difference of their states). Near the limit of stability, h lambda about 6, the error
+estimate keeps the step h short. After repeated attempts near this limit, the L-stable pair is used, as it is where a
+series is too steep. After TRY attempts of that pair, the series or explicit pair is tried, and kept if it succeeds.
 """
 
 cdef enum:
@@ -29,6 +29,11 @@ cdef double attempt(const Piece *now, Work *work, double h) noexcept nogil:
     if work.method == EXPLICIT:
         return explicit_step(now, work, h)
     return stiff_step(now, work, h)
+
+
+cdef double apparent_eigenvalue(const Piece *now, const Work *work) noexcept nogil:
+    """Estimate the largest eigenvalue in the last step, by a series or by the explicit pair."""
+    return fastest(now, work.trial, work.trial_rate) if work.method == SERIES else explicit_eigenvalue(work)
 
 
 cdef double judge(const Piece *now, Work *work, double h, double *error) noexcept nogil:
@@ -58,10 +63,9 @@ cdef void choose_method(const Piece *now, Work *work, double *h) noexcept nogil:
         return
     if not known:
         expand(now, work)
-    if work.longest > 0.0:
-        work.method = SERIES
-        if not stiff:
-            h[0] = min(h[0], work.longest) if known else work.longest
+    work.method = SERIES if work.longest > 0.0 else STIFF
+    if work.method == SERIES and not stiff:
+        h[0] = min(h[0], work.longest) if known else work.longest
 
 
 cdef double step_factor(Work *work, double error) noexcept nogil:
@@ -92,7 +96,7 @@ cdef void probe(const Piece *now, Work *work, double h, double share) noexcept n
         probe_exactly(now, work, h, share)
         return
     fit_polynomial(now, work, h)
-    for i in range(now.width):
+    for i in range(WIDTH):
         work.probe[i] = on_polynomial(work, i, share)[0]
     rates(now, work.probe, work.probe_rate)
 
@@ -118,7 +122,7 @@ cdef void fit_polynomial(const Piece *now, Work *work, double h) noexcept nogil:
     if work.dense_known:
         return
     dense_output(now, work, h)
-    for i in range(now.width):
+    for i in range(WIDTH):
         change = work.trial[i] - work.x[i]
         work.dense[0][i] = change
         work.dense[1][i] = h * work.rate[i] - change

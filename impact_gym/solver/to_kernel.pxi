@@ -22,14 +22,18 @@ cdef void law_to_kernel(const Mount *mount, Law *law) noexcept nogil:
     cdef const RobotNumbers *robot = &mount.robot
     memset(law, 0, sizeof(Law))
     law.tool_mass = mount.tool_mass
+    law.coupled = 1
     law.with_tool = mount.robot_kind != STIFF_ROBOT and mount.coupling_kind == DIRECT
     if mount.robot_kind == STIFF_ROBOT and mount.coupling_kind == DIRECT:
         law.kind = RIGID
     elif mount.robot_kind == STIFF_ROBOT and mount.coupling_kind == SPRING_DAMPER and mount.coupling.stroke == 0.0:
         law.kind, law.damping_ratio = SPRING, mount.coupling.damping_ratio
+        law.stiffness = mount.coupling.stiffness
+        law.damping = 2.0 * law.damping_ratio * sqrt(law.stiffness * law.tool_mass)
         law.frequency = sqrt(mount.coupling.stiffness / mount.tool_mass)
     elif mount.robot_kind == LUMPED and mount.coupling_kind == DIRECT:
         law.kind, law.tool_mass = SPRING, robot.mass + mount.tool_mass
+        law.stiffness, law.damping = robot.stiffness, robot.damping
         law.frequency = sqrt(robot.stiffness / law.tool_mass)
         law.damping_ratio = 0.5 * robot.damping / sqrt(robot.stiffness * law.tool_mass)
     else:

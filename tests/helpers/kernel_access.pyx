@@ -42,7 +42,8 @@ def step_once(plan, table, chain, double acceleration, bint flying, x, double h,
         acceleration: of the flange, m/s^2.
         flying: whether in flight; otherwise in contact.
         x: state (n,), as long as the chain's.
-        h, method: length and method of the step: "explicit", "stiff" or "series".
+        h, method: length and method of the step: "explicit", "stiff" or "series". With "explicit" the equations of
+            motion are those of a general piece, whatever the contact law.
     """
     cdef Run run
     cdef Work work
@@ -57,6 +58,9 @@ def step_once(plan, table, chain, double acceleration, bint flying, x, double h,
     run.object_mass, run.threshold, run.tolerance = given.object_mass, given.threshold, 1.0
     run.ground = STANDARD_GRAVITY * given.friction
     begin_piece(&run, <const Chain *> memory_of(chain), acceleration, INFINITY, flying, &now)
+    if method == "explicit":
+        now.analytic = False
+        begin_general(&run, <const Chain *> memory_of(chain), &now)
     memset(work.x, 0, sizeof(work.x))
     memcpy(work.x, memory_of(x), now.width * sizeof(double))
     rates(&now, work.x, work.rate)

@@ -1,13 +1,15 @@
-"""Equations of motion of an INTEGRATED chain, whose flights have no formula.
+"""Equations of motion of every chain in a contact with any law, and of an INTEGRATED chain also in flight.
 
 An INTEGRATED chain has a coupling with stops, a compliant robot with an elastic coupling, or a robot table with a
-rigid coupling. Forces are computed in SI units, then scaled. The state has z, w, t, the impulse p on the object, the
-deflection y, its rate v, and the coupling's impulse s on the tool. If a robot's mass depends on its position, j is the
-momentum of the mass that has joined the moving part. q is the flange's offset from the imposed motion, r its rate.
+rigid coupling. Contacts of other chains use these equations unless m = n = 3/2 (`series.pxi`). Forces are computed in
+SI units, then scaled. The state has z, w, t, the impulse p on the object, the deflection y, its rate v, and the
+coupling's impulse s on the tool. If a robot's mass depends on its position, j is the momentum of the mass that has
+joined the moving part. q is the flange's offset from the imposed motion, r its rate. Components that stay 0 are not
+computed (`Piece.deflects`, `Piece.yields`).
 """
 
 
-cdef struct IntegratedRates:
+cdef struct GeneralRates:
     double z, w, t, p, y, v, s, j, q, r
 
 
@@ -66,19 +68,25 @@ cdef inline Accelerations motion(const Piece *now, const Swing *at, double push)
     return move
 
 
-cdef inline IntegratedRates integrated_rates(
+cdef inline GeneralRates general_rates(
     const Piece *now, double z, double w, double t, double y, double v, double q, double r
 ) noexcept nogil:
     """Return the derivative of the scaled state: in a contact by the variable s of `contact.pxi`, in flight by time."""
-    cdef IntegratedRates rates
-    cdef Swing at = swing(now, t, y, v, q, r)
+    cdef GeneralRates rates
+    cdef Swing at
     cdef double pace = 1.0 if now.flying else z
     cdef double force = 0.0 if now.flying else contact_force(&now.contact, z, w)
-    cdef Accelerations move = motion(now, &at, force * now.units.force)
+    cdef Accelerations move
     rates.z = w if now.flying else 0.5 * w
-    rates.w = pace * move.gap
     rates.t = pace
     rates.p = pace * force
+    if not now.deflects:
+        rates.w = pace * (now.ground - force * now.units.force * now.object_rate)
+        rates.y = rates.v = rates.s = rates.j = rates.q = rates.r = 0.0
+        return rates
+    at = swing(now, t, y, v, q, r)
+    move = motion(now, &at, force * now.units.force)
+    rates.w = pace * move.gap
     rates.y = pace * v
     rates.v = pace * move.tool
     rates.s = pace * move.pull * now.per_force
@@ -133,7 +141,17 @@ cdef inline void gradient_row(const Piece *now, const Gradient *part, double sca
     row[TIME] = scale * part.time * now.units.time
 
 
-cdef void integrated_jacobian(const Piece *now, const double *x, double[WIDTH] *J) noexcept nogil:
+cdef inline void contact_rows(const Piece *now, const double *x, double[WIDTH] *J) noexcept nogil:
+    """Write those rows of a contact's Jacobian that belong to z, t and the impulse."""
+    cdef double f_z, f_w, z = x[ROOT]
+    f_z, f_w = contact_gradient(&now.contact, z, x[RATE])
+    J[ROOT][RATE] = 0.5
+    J[TIME][ROOT] = 1.0
+    J[IMPULSE][ROOT] = contact_force(&now.contact, z, x[RATE]) + z * f_z
+    J[IMPULSE][RATE] = z * f_w
+
+
+cdef void general_jacobian(const Piece *now, const double *x, double[WIDTH] *J) noexcept nogil:
     cdef Swing at = swing(now, x[TIME], x[DEFLECTION], x[DEFLECTION_RATE], x[OFFSET], x[OFFSET_RATE])
     cdef double z = x[ROOT], pace = 1.0 if now.flying else z, push = 0.0, tool_rate = now.tool_rate, f_z, f_w
     cdef Accelerations move

@@ -1,41 +1,32 @@
-"""A SPRING chain: one mass (tool, or tool and robot) on a spring and damper. Its flights have a closed formula."""
+"""Flights that have a closed form: those of RIGID and SPRING chains, with any contact law.
+
+The tool of a RIGID chain has the imposed motion, so the gap is quadratic in time. A SPRING chain is one mass (tool, or
+tool and robot) on a spring and damper, see `oscillator.pxi`.
+"""
 
 cdef enum:
     MOST_BENDS = 300000  # largest number of intervals that `spring_touch` searches in a flight, see STEP_LIMIT
 
 
-cdef struct SpringRates:
-    double z, w, t, p, y, v, q
+cdef double gap_closes(double gap, double speed, double acceleration) noexcept nogil:
+    """Return the time (s) until gap - speed t - acceleration t^2 / 2 falls to zero from above; inf if never."""
+    cdef double square = speed * speed + 2.0 * acceleration * gap
+    if square < 0.0:
+        return INFINITY
+    if speed > 0.0:
+        return 2.0 * gap / (speed + sqrt(square)) if gap > 0.0 else 0.0
+    if acceleration > 0.0:  # the gap opens now, and closes later
+        return (sqrt(square) - speed) / acceleration
+    return INFINITY
 
 
-cdef inline SpringRates spring_rates(const Piece *now, double z, double w, double y, double v) noexcept nogil:
-    """Return d/ds (`contact.pxi`) of z, w, time, impulse, deflection, its rate and its integral (paper, eq. 17-18)."""
-    cdef SpringRates rates
-    cdef double pull = z * (now.pull_y * y + now.pull_y_dot * v)
-    rates.p = impulse_rate(&now.contact, z, w)
-    rates.z = 0.5 * w
-    rates.w = (pull + z * now.ground) - now.share * rates.p
-    rates.t = z
-    rates.y = z * v
-    rates.v = (pull - z * now.push) - now.tool_share * rates.p
-    rates.q = z * y
-    return rates
-
-
-cdef void spring_jacobian(const Piece *now, const double *x, double[WIDTH] *J) noexcept nogil:
-    cdef double z = x[ROOT], y = x[DEFLECTION], v = x[DEFLECTION_RATE]
-    cdef double pull = now.pull_y * y + now.pull_y_dot * v
-    contact_rows(now, x, J)
-    J[RATE][ROOT] = pull + now.ground - now.share * J[IMPULSE][ROOT]
-    J[RATE][RATE] = -now.share * J[IMPULSE][RATE]
-    J[DEFLECTION_RATE][ROOT] = pull - now.push - now.tool_share * J[IMPULSE][ROOT]
-    J[DEFLECTION_RATE][RATE] = -now.tool_share * J[IMPULSE][RATE]
-    J[RATE][DEFLECTION] = J[DEFLECTION_RATE][DEFLECTION] = z * now.pull_y
-    J[RATE][DEFLECTION_RATE] = J[DEFLECTION_RATE][DEFLECTION_RATE] = z * now.pull_y_dot
-    J[DEFLECTION][ROOT] = v
-    J[DEFLECTION][DEFLECTION_RATE] = z
-    J[DEFLECTION_INTEGRAL][ROOT] = y
-    J[DEFLECTION_INTEGRAL][DEFLECTION] = z
+cdef void rigid_drift(Chain *chain, double acceleration, double ground, double time) noexcept nogil:
+    """Move `chain` exactly through `time` (s) of flight; `ground` (m/s^2) is the object's deceleration by friction."""
+    chain.penetration += time * (chain.penetration_rate + 0.5 * (acceleration + ground) * time)
+    chain.penetration_rate += (acceleration + ground) * time
+    chain.flange_position += time * (chain.flange_velocity + 0.5 * acceleration * time)
+    chain.flange_velocity += acceleration * time
+    chain.time += time
 
 
 cdef void spring_drift(const Law *law, Chain *chain, double acceleration, double ground, double time) noexcept nogil:
@@ -185,3 +176,24 @@ cdef double touch_in_bend(
     elif last.order[0] > 0.0:
         return turn if there.order[0] >= 0.0 else monotone_zero(glide, 0, True, turn, end)
     return INFINITY
+
+
+cdef inline double ground_now(const Run *run, const Chain *chain) noexcept nogil:
+    """Return the object's present deceleration by the friction under it, m/s^2; 0 if the object sticks."""
+    return run.ground if chain.object_state != STUCK else 0.0
+
+
+cdef inline void drift(const Run *run, Chain *chain, double acceleration, double time) noexcept nogil:
+    if run.law.kind == RIGID:
+        rigid_drift(chain, acceleration, ground_now(run, chain), time)
+    else:
+        spring_drift(run.law, chain, acceleration, ground_now(run, chain), time)
+
+
+cdef inline double touch_time(const Run *run, const Chain *chain, double acceleration, double horizon) noexcept nogil:
+    """Return the time (s) until a RIGID or SPRING chain touches the object; inf: later than `horizon`; nan: unknown."""
+    cdef double time, ground = ground_now(run, chain)
+    if run.law.kind == SPRING:
+        return spring_touch(run.law, chain, acceleration, ground, horizon)
+    time = gap_closes(-chain.penetration, chain.penetration_rate, acceleration + ground)
+    return time if time <= horizon else INFINITY
