@@ -1,6 +1,6 @@
-"""Flights that have a closed form: those of RIGID and SPRING chains, with any contact law.
+"""Flights that have a closed form: those of rigid and spring chains, with any contact law.
 
-The tool of a RIGID chain has the imposed motion, so the gap is quadratic in time. A SPRING chain is one mass (tool, or
+The tool of a rigid chain has the imposed motion, so the gap is quadratic in time. A spring chain is one mass (tool, or
 tool and robot) on a spring and damper, see `oscillator.pxi`.
 """
 
@@ -15,7 +15,7 @@ cdef double gap_closes(double gap, double speed, double acceleration) noexcept n
         return INFINITY
     if speed > 0.0:
         return 2.0 * gap / (speed + sqrt(square)) if gap > 0.0 else 0.0
-    if acceleration > 0.0:  # the gap opens now, and closes later
+    if acceleration > 0.0:  # the gap opens piece, and closes later
         return (sqrt(square) - speed) / acceleration
     return INFINITY
 
@@ -29,12 +29,14 @@ cdef void rigid_drift(Chain *chain, double acceleration, double ground, double t
     chain.time += time
 
 
-cdef void spring_drift(const Law *law, Chain *chain, double acceleration, double ground, double time) noexcept nogil:
+cdef void spring_drift(
+    const ChainModel *model, Chain *chain, double acceleration, double ground, double time
+) noexcept nogil:
     """Move `chain` exactly through `time` (s) of flight; `ground` (m/s^2) is the object's deceleration by friction."""
-    cdef double z, z_dot, rest = -acceleration / (law.frequency * law.frequency)
+    cdef double z, z_dot, rest = -acceleration / (model.frequency * model.frequency)
     cdef double object_speed = tool_velocity(chain) - chain.penetration_rate
     cdef double travel = time * (chain.flange_velocity + 0.5 * acceleration * time)
-    z, z_dot = free_decay(law.frequency, law.damping_ratio, chain.deflection - rest, chain.deflection_rate, time)
+    z, z_dot = free_decay(model.frequency, model.damping_ratio, chain.deflection - rest, chain.deflection_rate, time)
     chain.penetration += travel + (z + rest - chain.deflection) - time * (object_speed - 0.5 * ground * time)
     chain.deflection = z + rest
     chain.deflection_rate = z_dot
@@ -44,7 +46,7 @@ cdef void spring_drift(const Law *law, Chain *chain, double acceleration, double
     chain.time += time
 
 
-cdef struct Glide:  # at time t, penetration = start + z(t) - z(0) + closing t + acceleration t^2 / 2
+cdef struct FreeFlight:  # at time t, penetration = start + z(t) - z(0) + closing t + acceleration t^2 / 2
     double frequency  # rad/s
     double damping_ratio
     double position, velocity  # m, m/s: z(0) and z'(0) of the free oscillation z, see `oscillator.pxi`
@@ -53,29 +55,30 @@ cdef struct Glide:  # at time t, penetration = start + z(t) - z(0) + closing t +
     double acceleration  # m/s^2, acceleration of the imposed motion minus object acceleration
 
 
-cdef struct Gap:
+cdef struct GapDerivatives:
     double[5] order  # penetration (m) and its first four derivatives
 
 
-cdef Gap gap_at(const Glide *glide, double time) noexcept nogil:
-    cdef double z, w2 = glide.frequency * glide.frequency, c = 2.0 * glide.damping_ratio * glide.frequency
-    cdef Gap gap
-    z, gap.order[1] = free_decay(glide.frequency, glide.damping_ratio, glide.position, glide.velocity, time)
+cdef GapDerivatives gap_at(const FreeFlight *flight, double time) noexcept nogil:
+    """Return the penetration and its derivatives at `time` (s)."""
+    cdef double z, w2 = flight.frequency * flight.frequency, c = 2.0 * flight.damping_ratio * flight.frequency
+    cdef GapDerivatives gap
+    z, gap.order[1] = free_decay(flight.frequency, flight.damping_ratio, flight.position, flight.velocity, time)
     gap.order[2] = -w2 * z - c * gap.order[1]
     gap.order[3] = -w2 * gap.order[1] - c * gap.order[2]
     gap.order[4] = -w2 * gap.order[2] - c * gap.order[3]
-    gap.order[0] = glide.start + (z - glide.position) + time * (glide.closing + 0.5 * glide.acceleration * time)
-    gap.order[1] += glide.closing + glide.acceleration * time
-    gap.order[2] += glide.acceleration
+    gap.order[0] = flight.start + (z - flight.position) + time * (flight.closing + 0.5 * flight.acceleration * time)
+    gap.order[1] += flight.closing + flight.acceleration * time
+    gap.order[2] += flight.acceleration
     return gap
 
 
-cdef double monotone_zero(const Glide *glide, int order, bint rising, double low, double high) noexcept nogil:
+cdef double monotone_zero(const FreeFlight *flight, int order, bint rising, double low, double high) noexcept nogil:
     """Return the time (s) from `low` to `high` at which derivative `order` of penetration, monotone there, is 0."""
-    cdef Gap gap
+    cdef GapDerivatives gap
     cdef double following, time = 0.5 * (low + high)
     for _ in range(100):
-        gap = gap_at(glide, time)
+        gap = gap_at(flight, time)
         if (gap.order[order] > 0.0) == rising:
             high = time
         else:
@@ -89,9 +92,9 @@ cdef double monotone_zero(const Glide *glide, int order, bint rising, double low
     return time
 
 
-cdef double inflection_time(const Glide *glide, double after, const Gap *gap) noexcept nogil:
+cdef double inflection_time(const FreeFlight *flight, double after, const GapDerivatives *gap) noexcept nogil:
     """Return when (s) the gap's third derivative, a free damped oscillation, is next 0 after `after`; inf: never."""
-    cdef double w = glide.frequency, zeta = glide.damping_ratio, p = gap.order[3]
+    cdef double w = flight.frequency, zeta = flight.damping_ratio, p = gap.order[3]
     cdef double slope = gap.order[4] + zeta * w * p, square = (1.0 - zeta) * (1.0 + zeta) * w * w
     cdef double damped, phase, ratio, split
     if square > 0.0:
@@ -111,70 +114,70 @@ cdef double inflection_time(const Glide *glide, double after, const Gap *gap) no
     return after + atanh(ratio * split) / split if ratio * split < 1.0 else INFINITY
 
 
-cdef double within_reach(const Glide *glide, double now) noexcept nogil:
-    """Return a time (s) before which no touch is possible, or inf. After now, |z| <= hypot(z(now), z'(now) / omega)."""
-    cdef double gap, swing, closed, z = glide.position, z_dot = glide.velocity
-    if now > 0.0:
-        z, z_dot = free_decay(glide.frequency, glide.damping_ratio, z, z_dot, now)
-    closed = glide.start + (z - glide.position) + now * (glide.closing + 0.5 * glide.acceleration * now)
-    swing = sqrt((z_dot / glide.frequency) ** 2 + z * z) - z
+cdef double within_reach(const FreeFlight *flight, double begin) noexcept nogil:
+    """Return a time (s) before which no touch is possible, or inf. After `begin`, |z| <= hypot(z, z' / omega)."""
+    cdef double gap, swing, closed, z = flight.position, z_dot = flight.velocity
+    if begin > 0.0:
+        z, z_dot = free_decay(flight.frequency, flight.damping_ratio, z, z_dot, begin)
+    closed = flight.start + (z - flight.position) + begin * (flight.closing + 0.5 * flight.acceleration * begin)
+    swing = sqrt((z_dot / flight.frequency) ** 2 + z * z) - z
     gap = -closed - swing
     if gap <= 0.0:
-        return now
-    return now + gap_closes(gap, glide.closing + glide.acceleration * now, glide.acceleration)
+        return begin
+    return begin + gap_closes(gap, flight.closing + flight.acceleration * begin, flight.acceleration)
 
 
 cdef double spring_touch(
-    const Law *law, const Chain *chain, double acceleration, double ground, double horizon
+    const ChainModel *model, const Chain *chain, double acceleration, double ground, double horizon
 ) noexcept nogil:
     """Return the time (s) until the first touch; inf if not within `horizon` (s), nan if MOST_BENDS did not suffice."""
-    cdef Glide glide
-    cdef Gap first, between, last
+    cdef FreeFlight flight
+    cdef GapDerivatives first, between, last
     cdef double low, high, middle, touch
-    glide.frequency, glide.damping_ratio = law.frequency, law.damping_ratio
-    glide.position = chain.deflection + acceleration / (law.frequency * law.frequency)
-    glide.velocity = chain.deflection_rate
-    glide.start = min(chain.penetration, 0.0)
-    glide.closing = chain.penetration_rate - chain.deflection_rate
-    glide.acceleration = acceleration + ground
-    low = within_reach(&glide, 0.0)
+    flight.frequency, flight.damping_ratio = model.frequency, model.damping_ratio
+    flight.position = chain.deflection + acceleration / (model.frequency * model.frequency)
+    flight.velocity = chain.deflection_rate
+    flight.start = min(chain.penetration, 0.0)
+    flight.closing = chain.penetration_rate - chain.deflection_rate
+    flight.acceleration = acceleration + ground
+    low = within_reach(&flight, 0.0)
     for _ in range(MOST_BENDS):  # between zeros of its third derivative, the gap has at most one inflection
         if not low < horizon:
             return INFINITY
-        first = gap_at(&glide, low)
-        high = min(inflection_time(&glide, low, &first), horizon)
-        last = gap_at(&glide, high)
+        first = gap_at(&flight, low)
+        high = min(inflection_time(&flight, low, &first), horizon)
+        last = gap_at(&flight, high)
         middle, between = high, last
         if (first.order[2] > 0.0) != (last.order[2] > 0.0):
-            middle = monotone_zero(&glide, 2, last.order[2] > 0.0, low, high)
-            between = gap_at(&glide, middle)
-        touch = touch_in_bend(&glide, low, &first, middle, &between)
+            middle = monotone_zero(&flight, 2, last.order[2] > 0.0, low, high)
+            between = gap_at(&flight, middle)
+        touch = touch_in_bend(&flight, low, &first, middle, &between)
         if touch == INFINITY:
-            touch = touch_in_bend(&glide, middle, &between, high, &last)
+            touch = touch_in_bend(&flight, middle, &between, high, &last)
         if touch < INFINITY:
             return touch
-        low = within_reach(&glide, high)
+        low = within_reach(&flight, high)
     return NAN
 
 
 cdef double touch_in_bend(
-    const Glide *glide, double begin, const Gap *first, double end, const Gap *last
+    const FreeFlight *flight, double begin, const GapDerivatives *first, double end, const GapDerivatives *last
 ) noexcept nogil:
     """Return the time (s) of the first touch from `begin` to `end`, where the gap has no inflection; inf: no touch."""
     cdef bint closing = first.order[1] > 0.0, still = last.order[1] > 0.0
     cdef double turn
-    cdef Gap there
+    cdef GapDerivatives there
     if begin >= end or not (closing or still):  # while the gap opens, an apparent touch is a rounding error
         return INFINITY
     turn, there = end, last[0]
     if closing != still:
-        turn = monotone_zero(glide, 1, still, begin, end)
-        there = gap_at(glide, turn)
+        turn = monotone_zero(flight, 1, still, begin, end)
+        there = gap_at(flight, turn)
     if closing:
         if there.order[0] > 0.0:
-            return begin if first.order[0] >= 0.0 else monotone_zero(glide, 0, True, begin, turn)
+            return begin if first.order[0] >= 0.0 else monotone_zero(flight, 0, True, begin, turn)
     elif last.order[0] > 0.0:
-        return turn if there.order[0] >= 0.0 else monotone_zero(glide, 0, True, turn, end)
+        return turn if there.order[0] >= 0.0 else monotone_zero(flight, 0, True, turn, end)
     return INFINITY
 
 
@@ -184,16 +187,17 @@ cdef inline double ground_now(const Run *run, const Chain *chain) noexcept nogil
 
 
 cdef inline void drift(const Run *run, Chain *chain, double acceleration, double time) noexcept nogil:
-    if run.law.kind == RIGID:
+    """Move a rigid or spring chain exactly through `time` (s) of flight."""
+    if run.model.kind == RIGID_CHAIN:
         rigid_drift(chain, acceleration, ground_now(run, chain), time)
     else:
-        spring_drift(run.law, chain, acceleration, ground_now(run, chain), time)
+        spring_drift(run.model, chain, acceleration, ground_now(run, chain), time)
 
 
 cdef inline double touch_time(const Run *run, const Chain *chain, double acceleration, double horizon) noexcept nogil:
-    """Return the time (s) until a RIGID or SPRING chain touches the object; inf: later than `horizon`; nan: unknown."""
+    """Return the time (s) until a rigid or spring chain touches the object; inf: later than `horizon`; nan: unknown."""
     cdef double time, ground = ground_now(run, chain)
-    if run.law.kind == SPRING:
-        return spring_touch(run.law, chain, acceleration, ground, horizon)
+    if run.model.kind == SPRING_CHAIN:
+        return spring_touch(run.model, chain, acceleration, ground, horizon)
     time = gap_closes(-chain.penetration, chain.penetration_rate, acceleration + ground)
     return time if time <= horizon else INFINITY

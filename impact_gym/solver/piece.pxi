@@ -12,18 +12,18 @@ cdef double STANDSTILL = 1e-13  # (rounding error of the object's speed as a sli
 
 
 cdef struct Piece:
-    const Law *law
+    const ChainModel *model
     int width  # of WIDTHS
     Units units
-    bint analytic  # 1: m = n = 3/2 in a RIGID or SPRING chain, see `series.pxi`; 0: a general piece, see `general.pxi`
+    bint analytic  # 1: m = n = 3/2 in a rigid or spring chain, see `series.pxi`; 0: a general piece, see `general.pxi`
     Polynomial polynomial  # the equations of an analytic piece
     bint flying  # whether the piece is a flight; then scaled penetration replaces z, and scaled time replaces s
-    const Contact *grip  # the contact law (see `contact.pxi`); its force f can be negative
-    Contact contact  # the same law, but f = 0 while `Chain.holding` is 0
-    bint rough  # whether there is friction under the object
+    const Contact *unclamped  # the contact model (see `contact.pxi`); its force f can be negative
+    Contact contact  # the same model, but f = 0 while `Chain.force_active` is 0
+    bint has_friction  # whether there is friction under the object
     int object_state  # SLIDING or STUCK
     double friction  # scaled largest friction force on the object, mu m_p g
-    double push  # scaled acceleration of the imposed motion; 0 in a RIGID chain, where `ground` contains it
+    double push  # scaled acceleration of the imposed motion; 0 in a rigid chain, where `ground` contains it
     double ground  # scaled deceleration of the object by friction, 0 if the object sticks
     double standstill  # scaled speed; a sliding object counts as at rest when it moves backwards faster than this
     double tolerance  # -, allowed local error of a step
@@ -32,20 +32,20 @@ cdef struct Piece:
     double position, velocity, acceleration  # m, m/s, m/s^2, of the imposed motion, at the start of the piece
 
     # only in a general piece
-    bint deflects  # whether the tool can leave the imposed motion: not in a RIGID chain
-    bint yields  # whether the chain is INTEGRATED and has a compliant robot
+    bint deflects  # whether the tool can leave the imposed motion: not in a rigid chain
+    bint yields  # whether the chain is integrated and has a compliant robot
     RobotTable robot
-    int place  # index of the interval in the robot's table that applies in this piece
+    int interval  # index of the interval in the robot's table that applies in this piece
     RobotNow lumped  # the robot's parameters, if its table has one interval
     double per_acceleration  # scaled value of 1 m/s^2
-    double tool_rate, object_rate  # scaled acceleration by a force of 1 N, of the tool (0 in a RIGID chain) and object
+    double tool_rate, object_rate  # scaled acceleration by a force of 1 N, of the tool (0 in a rigid chain) and object
     double per_force  # scaled value of 1 N
     int pressed, side  # `Chain.pressed`, `Chain.side`
 
 
 cdef inline bint has_series(const Run *run) noexcept nogil:
     """Return whether contacts have a Taylor series (`taylor.h`)."""
-    return run.law.kind != INTEGRATED and is_hertz(&run.contact)
+    return run.model.kind != INTEGRATED_CHAIN and is_hertz(&run.contact)
 
 
 cdef inline double object_velocity(const Chain *chain) noexcept nogil:
@@ -63,14 +63,14 @@ cdef inline double tool_position(const Chain *chain) noexcept nogil:
     return chain.flange_position + chain.deflection
 
 
-cdef inline double flange_velocity(const Law *law, const Chain *chain) noexcept nogil:
+cdef inline double flange_velocity(const ChainModel *model, const Chain *chain) noexcept nogil:
     """Return the true velocity of the flange, m/s; `chain.flange_velocity` is the imposed one."""
-    return tool_velocity(chain) if law.with_tool else chain.flange_velocity + chain.flange_offset_rate
+    return tool_velocity(chain) if model.with_tool else chain.flange_velocity + chain.flange_offset_rate
 
 
-cdef inline double flange_position(const Law *law, const Chain *chain) noexcept nogil:
+cdef inline double flange_position(const ChainModel *model, const Chain *chain) noexcept nogil:
     """Return the true position of the flange, m; `chain.flange_position` is the imposed one."""
-    return tool_position(chain) if law.with_tool else chain.flange_position + chain.flange_offset
+    return tool_position(chain) if model.with_tool else chain.flange_position + chain.flange_offset
 
 
 cdef inline double parallel(double first, double second) noexcept nogil:

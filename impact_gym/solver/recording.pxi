@@ -35,8 +35,8 @@ cdef void trace(const Run *run, Chain *counter, const Chain *chain, double accel
     if counter.traced < run.recorder.trace_rows:
         row = &run.recorder.trace[counter.traced]
         row.time = chain.time
-        row.flange_position = flange_position(run.law, chain)
-        row.flange_velocity = flange_velocity(run.law, chain)
+        row.flange_position = flange_position(run.model, chain)
+        row.flange_velocity = flange_velocity(run.model, chain)
         row.tool_position = tool_position(chain)
         row.tool_velocity = tool_velocity(chain)
         row.object_position = row.tool_position - chain.penetration
@@ -49,7 +49,7 @@ cdef void trace(const Run *run, Chain *counter, const Chain *chain, double accel
 
 
 cdef void trace_flight(const Run *run, Chain *chain, double acceleration, double duration) noexcept nogil:
-    """Record trace points of the next `duration` (s) of a RIGID or SPRING flight, at most `interval` apart."""
+    """Record trace points of the next `duration` (s) of a rigid or spring chain's flight, at most `interval` apart."""
     cdef Chain ghost
     cdef int64_t point, points
     if run.recorder.trace_rows == 0:

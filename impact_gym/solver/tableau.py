@@ -30,29 +30,29 @@ KEPT = range(5, LAST)  # stages for dense output, in addition to the first and t
 
 STATE, USED = "zwtpyvsjqr", "zwtyvqr"
 """The components of the scaled state, one letter each; those on which the rates depend. The others are integrals."""
-PARTS = {"": "zwtp", "now.deflects": "yvs", "now.yields": "jqr"}
+PARTS = {"": "zwtp", "piece.deflects": "yvs", "piece.yields": "jqr"}
 """The components that are not 0 under a condition, by condition."""
 
 
-def weighed(weights: dict[int, float], place: str) -> str:
-    """Return code for the weighted sum, over the stages, of the rates of component `place`."""
-    return " + ".join(f"{weight!r} * k{stage}.{place}" for stage, weight in weights.items())
+def weighed(weights: dict[int, float], component: str) -> str:
+    """Return code for the weighted sum, over the stages, of the rates of component `component`."""
+    return " + ".join(f"{weight!r} * k{stage}.{component}" for stage, weight in weights.items())
 
 
-def moved(stage: int, place: str, newest: bool) -> str:
+def moved(stage: int, component: str, newest: bool) -> str:
     """Return code that computes a component at a stage. If `newest`, the code adds the previous stage's rate last."""
     *earlier, last = A[stage].items()
     if not newest:
-        return f"{place}{stage} = {place}0 + h * ({weighed(A[stage], place)})"
-    start = f"({place}0 + h * ({weighed(dict(earlier), place)}))" if earlier else f"{place}0"
-    return f"{place}{stage} = {start} + h{stage} * k{last[0]}.{place}"
+        return f"{component}{stage} = {component}0 + h * ({weighed(A[stage], component)})"
+    start = f"({component}0 + h * ({weighed(dict(earlier), component)}))" if earlier else f"{component}0"
+    return f"{component}{stage} = {start} + h{stage} * k{last[0]}.{component}"
 
 
 def by_part(lines: Callable[[str], list[str]], among: str = STATE) -> list[str]:
     """Return the `lines` of each component in `among`, under the condition of its part."""
     code = []
-    for condition, places in PARTS.items():
-        body = [line for place in places if place in among for line in lines(place)]
+    for condition, components in PARTS.items():
+        body = [line for component in components if component in among for line in lines(component)]
         code += [f"if {condition}:", *(f"    {line}" for line in body)] if condition else body
     return code
 
@@ -60,27 +60,27 @@ def by_part(lines: Callable[[str], list[str]], among: str = STATE) -> list[str]:
 def stage_lines(stage: int) -> list[str]:
     """Return lines of code that compute the state at a stage and its rates."""
     lines = [f"h{stage} = h * {list(A[stage].values())[-1]!r}"]
-    lines += by_part(lambda place: [moved(stage, place, newest=True)], USED)
-    return [*lines, f"k{stage} = general_rates(now, {', '.join(f'{place}{stage}' for place in USED)})"]
+    lines += by_part(lambda component: [moved(stage, component, newest=True)], USED)
+    return [*lines, f"k{stage} = general_rates(piece, {', '.join(f'{component}{stage}' for component in USED)})"]
 
 
 def function(name: str, stages: range, given: dict[int, str], body: list[str]) -> str:
     """Return a function: declarations, the state `work.x`, copies of the rates in `given`, and `body`."""
     head = [
         f"cdef GeneralRates {', '.join(f'k{stage}' for stage in (*given, *stages))}",
-        f"cdef double {', '.join(f'{place}0 = work.x[{i}]' for i, place in enumerate(STATE))}",
-        *(f"cdef double {', '.join(f'{place}{stage} = 0.0' for place in USED)}" for stage in stages),
+        f"cdef double {', '.join(f'{component}0 = work.x[{i}]' for i, component in enumerate(STATE))}",
+        *(f"cdef double {', '.join(f'{component}{stage} = 0.0' for component in USED)}" for stage in stages),
         f"cdef double {', '.join(f'h{stage}' for stage in stages)}",
         *(f"memcpy(&k{stage}, {where}, sizeof(GeneralRates))" for stage, where in given.items()),
     ]
     return "\n    ".join([f"cdef {name} noexcept nogil:", *head, *body])
 
 
-def error_lines(place: str) -> list[str]:
+def error_lines(component: str) -> list[str]:
     """Return lines of code that add a component's errors, relative to sizes above 1, to the sums of squares."""
     return [
-        *(f"e{5 - 2 * i} = {weighed(weights, place)}" for i, weights in enumerate(ERROR)),
-        f"size = 1.0 / max(max(fabs({place}0), fabs({place}{LAST})), 1.0)",
+        *(f"e{5 - 2 * i} = {weighed(weights, component)}" for i, weights in enumerate(ERROR)),
+        f"size = 1.0 / max(max(fabs({component}0), fabs({component}{LAST})), 1.0)",
         "fifth += (e5 * size) * (e5 * size)",
         "third += (e3 * size) * (e3 * size)",
     ]
@@ -88,26 +88,27 @@ def error_lines(place: str) -> list[str]:
 
 def step() -> str:
     """Return a function that steps from `work.x` to `work.trial` and returns estimated / allowed error."""
-    integrals = [place for place in STATE if place not in USED]
+    integrals = "".join(component for component in STATE if component not in USED)
     body = ["cdef double e5, e3, size, fifth = 0.0, third = 0.0"]
-    body.append(f"cdef double {', '.join(f'{place}{LAST} = 0.0' for place in integrals)}")
+    body.append(f"cdef double {', '.join(f'{component}{LAST} = 0.0' for component in integrals)}")
     for stage in range(1, LAST + 1):
         body += stage_lines(stage)
-    body += by_part(lambda place: [moved(LAST, place, newest=False)] * (place in integrals) + error_lines(place))
-    body += [f"work.trial[{i}] = {place}{LAST}" for i, place in enumerate(STATE)]
-    body += [f"work.late[{STATE.index(place)}] = {place}{LAST - 1}" for place in USED]
+    body += by_part(lambda component: [moved(LAST, component, newest=False)], integrals)
+    body += by_part(error_lines)
+    body += [f"work.trial[{i}] = {component}{LAST}" for i, component in enumerate(STATE)]
+    body += [f"work.late[{STATE.index(component)}] = {component}{LAST - 1}" for component in USED]
     body += [f"memcpy(work.stage[{i}], &k{stage}, sizeof(k{stage}))" for i, stage in enumerate(KEPT)]
     body += [f"memcpy(work.trial_rate, &k{LAST}, sizeof(k{LAST}))", "if not isfinite(fifth + third):"]
     body += ["    return INFINITY", "if fifth == 0.0:", "    return 0.0"]
-    body.append("return h * fifth / (now.tolerance * sqrt((fifth + 0.01 * third) * now.width))")
-    name = "double explicit_step(const Piece *now, Work *work, double h)"
+    body.append("return h * fifth / (piece.tolerance * sqrt((fifth + 0.01 * third) * piece.width))")
+    name = "double explicit_step(const Piece *piece, Work *work, double h)"
     return function(name, range(1, LAST + 1), {0: "work.rate"}, body)
 
 
-def dense_lines(place: str) -> list[str]:
+def dense_lines(component: str) -> list[str]:
     """Return lines of code that compute the upper coefficients of a component."""
-    i = STATE.index(place)
-    return [f"work.dense[{3 + k}][{i}] = h * ({weighed(weights, place)})" for k, weights in enumerate(DENSE)]
+    i = STATE.index(component)
+    return [f"work.dense[{3 + k}][{i}] = h * ({weighed(weights, component)})" for k, weights in enumerate(DENSE)]
 
 
 def dense() -> str:
@@ -116,14 +117,14 @@ def dense() -> str:
     stages = range(LAST + 1, len(A))
     body = [line for stage in stages for line in stage_lines(stage)]
     body += ["memset(work.dense, 0, sizeof(work.dense))", *by_part(dense_lines)]
-    return function("void dense_output(const Piece *now, Work *work, double h)", stages, given, body)
+    return function("void dense_output(const Piece *piece, Work *work, double h)", stages, given, body)
 
 
 def eigenvalue() -> str:
     """Return a function that estimates the largest eigenvalue from the last two stages (`stepper.pxi`)."""
     body = ["cdef double explicit_eigenvalue(const Work *work) noexcept nogil:"]
     body += ["cdef double apart, rates = 0.0, states = 0.0"]
-    for i in (STATE.index(place) for place in USED):
+    for i in (STATE.index(component) for component in USED):
         body += [f"apart = work.trial_rate[{i}] - work.stage[{len(KEPT) - 1}][{i}]", "rates += apart * apart"]
         body += [f"apart = work.trial[{i}] - work.late[{i}]", "states += apart * apart"]
     return "\n    ".join([*body, "return sqrt(rates / states) if states > 0.0 else 0.0"])

@@ -38,10 +38,10 @@ def stepper(name, contact=None, acceleration=3.0, force=3.0):
     plan, table = approach_to_kernel(moving, ig.Trapezoid(1.0, 8.0), 1.0)
     row = np.zeros(1, kernels().CHAIN)
     row["units"] = (0.01, 0.02, 0.5, force)  # arbitrary, so that no factor cancels
-    row["holding"] = row["side"] = 1
+    row["force_active"] = row["side"] = 1
     row["flange_position"], row["flange_velocity"] = 0.14, 0.8
     row["pressed"] = PRESSED["".join(f", {which}" for which in stop)]
-    piece = np.array([plan], kernels().APPROACH), table, row, acceleration, phase == "flight"  # m/s^2, of the flange
+    piece = np.array([plan], kernels().RUN_PLAN), table, row, acceleration, phase == "flight"  # m/s^2, of the flange
     return lambda x, h=1e-3, method="explicit": kernels().step_once(*piece, np.ascontiguousarray(x), h, method)
 
 
