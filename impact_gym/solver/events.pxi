@@ -86,20 +86,16 @@ cdef void evaluate_slider_events(
     cdef double pace = rate[TIME], per_s = pace * piece.units.time
     cdef double stretch = (x[DEFLECTION] - x[OFFSET]) * piece.units.length
     cdef double speed = (x[DEFLECTION_RATE] - x[OFFSET_RATE]) * piece.units.velocity
-    cdef double acceleration = 0.0
+    cdef double value, height, slope, acceleration = 0.0
+    cdef int stop, row
     if pace > 0.0:
         acceleration = (rate[DEFLECTION_RATE] - rate[OFFSET_RATE]) * piece.units.velocity / per_s
-    events.value[FRONT_STOP], events.height[FRONT_STOP], events.slope[FRONT_STOP] = stop_switch(
-        law, FRONT, piece.pressed, stretch, speed, acceleration
-    )
-    events.value[REAR_STOP], events.height[REAR_STOP], events.slope[REAR_STOP] = stop_switch(
-        law, REAR, piece.pressed, stretch, speed, acceleration
-    )
-    events.value[ALIGNMENT], events.slope[ALIGNMENT] = -piece.side * (law.rest + stretch), -piece.side * speed
+    for row in range(FRONT_STOP, REAR_STOP + 1):
+        stop = FRONT if row == FRONT_STOP else REAR
+        value, height, slope = stop_switch(law, stop, piece.pressed, stretch, speed, acceleration)
+        events.value[row], events.height[row], events.slope[row] = value, height, slope * per_s
+    events.value[ALIGNMENT], events.slope[ALIGNMENT] = -piece.side * (law.rest + stretch), -piece.side * speed * per_s
     events.height[ALIGNMENT] = events.value[ALIGNMENT]
-    events.slope[FRONT_STOP] *= per_s
-    events.slope[REAR_STOP] *= per_s
-    events.slope[ALIGNMENT] *= per_s
 
 
 cdef struct Finding:
@@ -298,9 +294,7 @@ cdef double clock_fraction(const Piece *piece, const Work *work, double h) noexc
     cdef double u = left / way, value, slope
     for _ in range(8):
         value = u * (v0 + u * (a0 + u * (j0 + u * (c4 + u * (c5 + u * (c6 + u * c7))))))
-        slope = v0 + u * (2.0 * a0 + u * (3.0 * j0 + u * (
-            4.0 * c4 + u * (5.0 * c5 + u * (6.0 * c6 + u * 7.0 * c7))
-        )))
+        slope = v0 + u * (2.0 * a0 + u * (3.0 * j0 + u * (4.0 * c4 + u * (5.0 * c5 + u * (6.0 * c6 + u * 7.0 * c7)))))
         value = (left - value) / slope
         u = min(max(u + value, 0.0), 1.0)
         if fabs(value) <= 1e-12:

@@ -14,15 +14,8 @@ cdef void close_contact(const Run *run, Chain *chain, double end) noexcept nogil
     chain.coupling_impulse += impulse
     if chain.logged < run.recorder.contact_rows:
         run.recorder.contacts[chain.logged] = ContactRow(
-            chain.start,
-            end,
-            chain.approach_velocity,
-            -chain.penetration_rate,
-            chain.contact_peak_force,
-            chain.impulse,
-            object_velocity(chain),
-            impulse,
-            error,
+            chain.start, end, chain.approach_velocity, -chain.penetration_rate, chain.contact_peak_force,
+            chain.impulse, object_velocity(chain), impulse, error,
         )
     chain.logged += 1
 

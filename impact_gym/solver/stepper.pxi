@@ -17,6 +17,25 @@ cdef enum:
 cdef double NEAR = 3.5  # a step with a larger h lambda is near the limit of stability; there, h lambda is about 4 to 7
 
 
+cdef void rates(const Piece *piece, const double *x, double *out) noexcept nogil:
+    """Write the derivative of the scaled state `x` into `out`: by s (`contact.pxi`), in flight by scaled time."""
+    cdef GeneralRates of_all
+    if piece.analytic:
+        analytic_rates(&piece.polynomial, x, out)
+    else:
+        of_all = general_rates(piece, x[0], x[1], x[2], x[4], x[5], x[8], x[9])
+        memcpy(out, &of_all, sizeof(GeneralRates))
+
+
+cdef void jacobian(const Piece *piece, const double *x, double[WIDTH] *J) noexcept nogil:
+    """Write the derivatives of `rates` by the scaled state `x` into `J`, a row for each rate."""
+    memset(J, 0, sizeof(double) * WIDTH * WIDTH)
+    if piece.analytic:
+        analytic_jacobian(piece, x, J)
+    else:
+        general_jacobian(piece, x, J)
+
+
 cdef double attempt(const Piece *piece, Work *work, double h) noexcept nogil:
     """Try a step of `h` from `work.x` into `work.trial`; return the ratio of estimated to allowed error.
 
