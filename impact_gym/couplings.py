@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_gym.kernels import DIRECT, MECHANISM, SPRING_DAMPER, bistable_energy, bistable_force, rest_of
+from impact_gym.kernels import BISTABLE, RIGID, SPRING_DAMPER, bistable_energy, bistable_force, rest_of
 from impact_gym.parameters import Parameters
 
 STOP_STIFFNESS, STOP_DAMPING_RATIO = 1e5, 1.0
@@ -105,7 +105,7 @@ class Rigid(Held):
 
     def kernel(self) -> tuple[int, dict[str, float]]:
         """Return the kind of coupling in the compiled program; its record has no numbers."""
-        return DIRECT, {}
+        return RIGID, {}
 
     def drawn_length(self, tool_mass: float) -> float:
         """Return the drawn length, m."""
@@ -232,7 +232,7 @@ class Bistable(Held):
 
     def kernel(self) -> tuple[int, dict[str, float]]:
         """Return the kind of coupling in the compiled program, and the numbers of its record, by name."""
-        return MECHANISM, {name: getattr(self, name) for name in self.__slots__}
+        return BISTABLE, {name: getattr(self, name) for name in self.__slots__}
 
     def pull(self, deflection: float, rate: float, tool_mass: float) -> float:
         """Return the force of spring and stops on the tool, N, at a deflection and its rate, m/s (paper, eq. 23-24)."""

@@ -7,8 +7,8 @@ Functions that Python calls do not check shapes and data types of arrays.
 from cpython.buffer cimport PyBUF_SIMPLE, PyBuffer_Release, PyObject_GetBuffer
 from cpython.pycapsule cimport PyCapsule_GetPointer
 from libc.math cimport (
-    INFINITY, M_PI, NAN, acos, acosh, atan2, atanh, ceil, copysign, cos, exp, expf, expm1, fabs, floor, fmod, hypot, isfinite, isinf,
-    isnan, log, log1p, logf, pow, rint, sin, sqrt,
+    INFINITY, M_PI, NAN, acos, acosh, atan2, atanh, ceil, copysign, cos, exp, expf, expm1, fabs, floor, fmod, hypot,
+    isfinite, isinf, isnan, log, log1p, logf, pow, rint, sin, sqrt,
 )
 from libc.stdint cimport int64_t, uint8_t, uint32_t, uint64_t, uintptr_t
 from libc.string cimport memcpy, memset
@@ -18,7 +18,7 @@ import numpy as np
 cdef extern from *:
     """
     static inline void load_ahead(const void *record, size_t size) {  /* into cache; an invalid address does no harm */
-        for (size_t place = 0; place < size; place += 64) __builtin_prefetch((const char *)record + place);
+        for (size_t offset = 0; offset < size; offset += 64) __builtin_prefetch((const char *)record + offset);
     }
     """
     void load_ahead(const void *record, size_t size) noexcept nogil
@@ -35,11 +35,10 @@ include "task/numbers.pxi"
 include "solver/state.pxi"
 include "solver/to_kernel.pxi"
 include "solver/piece.pxi"
-include "solver/rigid.pxi"
-include "solver/spring_damper.pxi"
-include "solver/integrated.pxi"
+include "solver/flight.pxi"
+include "solver/general.pxi"
+include "solver/chain.pxi"
 include "solver/bounds.pxi"
-include "solver/coupled.pxi"
 include "solver/dop853.pxi"
 include "solver/series.pxi"
 include "solver/rosenbrock.pxi"
@@ -64,14 +63,14 @@ include "teleop/link.pxi"
 GRAVITY = STANDARD_GRAVITY
 
 cdef ActionEntry blank_action
-cdef Approach blank_approach
+cdef RunPlan blank_plan
 cdef Chain blank_chain
 cdef ContactRow blank_contact
 cdef TraceRow blank_trace
 cdef Episode blank_episode
 cdef Draw blank_draw
 cdef Entry blank_entry
-cdef Law blank_law
+cdef ChainModel blank_model
 cdef Link blank_link
 cdef Packet blank_packet
 cdef RangeReading blank_range_reading
@@ -86,17 +85,18 @@ def layout(blank):
     return np.dtype([(name, kinds[type(value)](value)) for name, value in blank.items()])
 
 
-APPROACH, CHAIN, CONTACT, TRACE = map(layout, (blank_approach, blank_chain, blank_contact, blank_trace))
-MOUNT = APPROACH["mount"]
+RUN_PLAN, CHAIN, CONTACT, TRACE = map(layout, (blank_plan, blank_chain, blank_contact, blank_trace))
+MOUNT = RUN_PLAN["mount"]
 ACTION = layout(blank_action)
-DRAW, EPISODE, ENTRY, LAW = map(layout, (blank_draw, blank_episode, blank_entry, blank_law))
+DRAW, EPISODE, ENTRY, CHAIN_MODEL = map(layout, (blank_draw, blank_episode, blank_entry, blank_model))
 RECORD, SENSORS = EPISODE["drawn"], EPISODE["sensors"]
 READING, TASK, LINK, PACKET = map(layout, (blank_reading, blank_task, blank_link, blank_packet))
 RANGE_READING = layout(blank_range_reading)
-assert (APPROACH.itemsize, CHAIN.itemsize, EPISODE.itemsize) == (sizeof(Approach), sizeof(Chain), sizeof(Episode))
+assert (RUN_PLAN.itemsize, CHAIN.itemsize, EPISODE.itemsize) == (sizeof(RunPlan), sizeof(Chain), sizeof(Episode))
 
 
 cdef void *memory_of(object array) except? NULL:
+    """Return the address of the memory of an array; ValueError: it is not contiguous."""
     cdef Py_buffer buffer
     PyObject_GetBuffer(array, &buffer, PyBUF_SIMPLE)
     cdef void *address = buffer.buf
@@ -105,6 +105,7 @@ cdef void *memory_of(object array) except? NULL:
 
 
 cdef Recorder recorder_of(tuple arrays):
+    """Return a recorder that writes to `arrays`, see `approach_rows`."""
     contacts, trace, snaps, interval = arrays
     return Recorder(
         <ContactRow *> memory_of(contacts), <TraceRow *> memory_of(trace), <double *> memory_of(snaps),
@@ -115,7 +116,7 @@ cdef Recorder recorder_of(tuple arrays):
 def approach_rows(
     plans, tables, chains, int64_t first, int64_t last, double tolerance, int64_t max_steps, tuple recorder
 ):
-    """Run the approaches `first` to `last` - 1 of `plans` (n, APPROACH), and write the results to `chains` (n, CHAIN).
+    """Run the approaches `first` to `last` - 1 of `plans` (n, RUN_PLAN), and write the results to `chains` (n, CHAIN).
 
     Args:
         tables: array (k,) of all robot tables and motions; a plan's `mount.table` and `motion` are indices in it.
@@ -126,8 +127,8 @@ def approach_rows(
     """
     cdef Run run
     cdef Work work
-    cdef Law law
-    cdef const Approach *plan = <const Approach *> memory_of(plans)
+    cdef ChainModel model
+    cdef const RunPlan *plan = <const RunPlan *> memory_of(plans)
     cdef Chain *chain = <Chain *> memory_of(chains)
     cdef int64_t i
     run.tables = <const double *> memory_of(tables)
@@ -135,22 +136,22 @@ def approach_rows(
     run.recorder = recorder_of(recorder)
     with nogil:
         for i in range(first, last):
-            law_to_kernel(&plan[i].mount, &law)
-            run.law, run.contact = &law, plan[i].contact
+            model_to_kernel(&plan[i].mount, &model)
+            run.model, run.contact = &model, plan[i].contact
             run.object_mass, run.threshold = plan[i].object_mass, plan[i].threshold
             run.ground = STANDARD_GRAVITY * plan[i].friction
-            approach(&run, &chain[i], &plan[i])
+            run_approach(&run, &chain[i], &plan[i])
 
 
-def laws_of(mounts):
-    """Return the simplest equivalent models (n, LAW) of `mounts` (n, MOUNT): tool mass, coupling and robot."""
+def models_of(mounts):
+    """Return the simplest equivalent models (n, CHAIN_MODEL) of `mounts` (n, MOUNT): tool mass, coupling and robot."""
     cdef int64_t i
-    laws = np.empty(len(mounts), LAW)
+    models = np.empty(len(mounts), CHAIN_MODEL)
     cdef const Mount *mount = <const Mount *> memory_of(mounts)
-    cdef Law *law = <Law *> memory_of(laws)
+    cdef ChainModel *model = <ChainModel *> memory_of(models)
     for i in range(len(mounts)):
-        law_to_kernel(&mount[i], &law[i])
-    return laws
+        model_to_kernel(&mount[i], &model[i])
+    return models
 
 
 def draw_uniforms(list generators, rows, uniforms):
@@ -173,7 +174,7 @@ cdef class Rows:
     cdef object arrays
     cdef const Task *tasks
     cdef const Draw *draws
-    cdef Law *laws
+    cdef ChainModel *models
     cdef const double *tables
     cdef Chain *chains
     cdef Episode *episodes
@@ -184,11 +185,12 @@ cdef class Rows:
     cdef float *observations
     cdef double *rewards
     cdef const Entry *entries
-    cdef int64_t slots, range_slots, each_range, packet_slots, each_link, action_size, length, each_task, each_law, max_steps
+    cdef int64_t slots, range_slots, each_range, packet_slots, each_link, action_size, length
+    cdef int64_t each_task, each_model, max_steps
     cdef Recorder recorder
 
     def __init__(
-        self, tasks, draws, laws, tables, chains, episodes, readings, ranges, links, packets, observations, rewards,
+        self, tasks, draws, models, tables, chains, episodes, readings, ranges, links, packets, observations, rewards,
         entries, tuple recorder, max_steps, action_size,
     ):
         """Keep the addresses of the arrays of `size` environments.
@@ -196,7 +198,7 @@ cdef class Rows:
         Args:
             tasks: (size,) or (1,), TASK.
             draws: the draws of all tasks one after another (n,), DRAW.
-            laws: (size,), LAW; (1,) if there is one task and its tool mass, coupling and robot are fixed numbers.
+            models: (size,), CHAIN_MODEL; (1,) if there is one task whose tool mass, coupling and robot are fixed.
             tables: see `approach_rows`.
             chains, episodes, rewards: (size,), CHAIN, EPISODE and float64.
             readings: (size, n), READING.
@@ -207,14 +209,14 @@ cdef class Rows:
             recorder: see `approach_rows`; its trace is (size, points).
         """
         self.arrays = (
-            tasks, draws, laws, tables, chains, episodes, readings, ranges, links, packets, observations, rewards, entries,
-            recorder,
+            tasks, draws, models, tables, chains, episodes, readings, ranges, links, packets, observations, rewards,
+            entries, recorder,
         )
         self.links, self.each_link, self.action_size = <Link *> memory_of(links), len(links) > 0, action_size
         self.packets, self.packet_slots = <Packet *> memory_of(packets), packets.shape[1]
         self.tasks, self.each_task = <const Task *> memory_of(tasks), len(tasks) > 1
         self.draws = <const Draw *> memory_of(draws)
-        self.laws, self.each_law = <Law *> memory_of(laws), len(laws) > 1
+        self.models, self.each_model = <ChainModel *> memory_of(models), len(models) > 1
         self.tables = <const double *> memory_of(tables)
         self.chains, self.episodes = <Chain *> memory_of(chains), <Episode *> memory_of(episodes)
         self.readings, self.slots = <Reading *> memory_of(readings), readings.shape[1]
@@ -225,6 +227,7 @@ cdef class Rows:
         self.recorder, self.max_steps = recorder_of(recorder), max_steps
 
     cdef inline Row row(self, int64_t i) noexcept nogil:
+        """Return the addresses of the records of environment `i`."""
         return Row(
             &self.tasks[i * self.each_task], &self.chains[i], &self.episodes[i], &self.readings[i * self.slots],
             self.slots, self.entries, self.length, &self.observations[i * self.length],
@@ -234,7 +237,7 @@ cdef class Rows:
 
     def begin(self, rows, uniforms, fixed):
         """Begin episodes in `rows` (k,); `draw_record` explains `uniforms` (k, UNIFORMS) and `fixed` (k,)."""
-        cdef const int64_t *places = <const int64_t *> memory_of(rows)
+        cdef const int64_t *index = <const int64_t *> memory_of(rows)
         cdef const double *uniform = <const double *> memory_of(uniforms)
         cdef const Record *given = <const Record *> memory_of(fixed)
         cdef Row row
@@ -243,13 +246,13 @@ cdef class Rows:
         cdef int64_t k, count = len(rows)
         with nogil:
             for k in range(count):
-                row = self.row(places[k])
+                row = self.row(index[k])
                 drawn = draw_record(row.task, self.draws, &uniform[k * UNIFORMS], &given[k])
                 if row.task.mount_drawn:
                     mount = row.task.mount
                     mount.tool_mass, mount.coupling, mount.robot = drawn.tool_mass, drawn.coupling, drawn.robot
-                    law_to_kernel(&mount, &self.laws[places[k] * self.each_law])
-                begin_episode(&row, &self.laws[places[k] * self.each_law], drawn)
+                    model_to_kernel(&mount, &self.models[index[k] * self.each_model])
+                begin_episode(&row, &self.models[index[k] * self.each_model], drawn)
 
     def step(self, actions, skip, int64_t first, int64_t last):
         """Play a control step with `actions` (size, n) in rows `first` to `last` - 1 whose `skip` (size,) is 0."""
@@ -267,6 +270,6 @@ cdef class Rows:
                 load_ahead(&self.chains[i + 1], sizeof(Chain))
                 load_ahead(&self.episodes[i + 1], sizeof(Episode))
                 row = self.row(i)
-                run.law = &self.laws[i * self.each_law]
+                run.model = &self.models[i * self.each_model]
                 run.recorder.trace = self.recorder.trace + i * self.recorder.trace_rows
                 self.rewards[i] = play_step(&run, &row, &action[self.action_size * i])

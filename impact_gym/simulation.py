@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from impact_gym.couplings import warn_of_stroke
-from impact_gym.kernels import APPROACH, CHAIN, CONTACT, TRACE, approach_rows
+from impact_gym.kernels import CHAIN, CONTACT, RUN_PLAN, TRACE, approach_rows
 from impact_gym.motion import Motion, Trapezoid
 from impact_gym.outcome import Array, ContactRecord, Outcome, Outcomes, Trace
 from impact_gym.quantities import QUANTITIES
@@ -126,7 +126,7 @@ def sweep(
     chains = np.zeros(len(approaches), CHAIN)
     if approaches:
         tables = np.concatenate([table for _, table in approaches])
-        plans = np.array([plan for plan, _ in approaches], APPROACH)
+        plans = np.array([plan for plan, _ in approaches], RUN_PLAN)
         limits = {"tolerance": LOCAL_SHARE * rtol, "max_steps": MAX_STEPS, "recorder": NOTHING_RECORDED}
         run = partial(approach_rows, plans, tables, chains, **limits)
         over_rows(run, len(approaches), threads, APPROACHES_PER_THREAD)
@@ -145,7 +145,7 @@ _OUTCOMES = {field: _FIELDS_OF_CHAIN.get(field, field) for field in Outcomes.__d
 
 
 def _approaches(template: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]) -> Iterator[tuple[Any, Array]]:
-    """Yield, for each approach, the fields of a record of the type APPROACH, and the table of its robot."""
+    """Yield, for each approach, the fields of a record of the type RUN_PLAN, and the table of its robot."""
     flat = {name: column.ravel() for name, column in columns.items()}
     durations, table_at = flat.pop("duration"), 0
     for row in range(len(durations)):

@@ -26,7 +26,7 @@ def _codes(record: np.dtype[Any]) -> str:
     return "".join(_codes(field) if field.names else "dq"[field.kind == "i"] for field in fields)
 
 
-_APPROACH = struct.Struct(_codes(kernels.APPROACH))
+_RUN_PLAN = struct.Struct(_codes(kernels.RUN_PLAN))
 
 
 def places(kind: np.dtype[Any], before: int = 0) -> dict[str, int]:
@@ -52,7 +52,7 @@ STATUS_MESSAGES = {
 def approach_to_kernel(
     scene: Scene, motion: Trapezoid | Motion, duration: float, table_at: int = 0
 ) -> tuple[tuple[Any, ...], Numbers]:
-    """Return fields of APPROACH, and the table (n,) of robot and motion to put at index `table_at` of all tables."""
+    """Return fields of RUN_PLAN, and the table (n,) of robot and motion to put at index `table_at` of all tables."""
     held, table = mount_to_kernel(scene.tool.mass, scene.coupling, scene.robot, table_at)
     target = scene.object
     profile: tuple[float, ...]
@@ -68,9 +68,9 @@ def approach_to_kernel(
 
 
 def to_bytes(plan: tuple[Any, ...]) -> bytes:
-    """Return the fields of an APPROACH as bytes, by `struct`, which is faster than a NumPy record."""
+    """Return the fields of a RUN_PLAN as bytes, by `struct`, which is faster than a NumPy record."""
     (coupling_kind, robot_kind, tool_mass, coupling, robot, *table), contact, *rest = plan
-    return _APPROACH.pack(coupling_kind, robot_kind, tool_mass, *coupling, *robot, *table, *contact, *rest)
+    return _RUN_PLAN.pack(coupling_kind, robot_kind, tool_mass, *coupling, *robot, *table, *contact, *rest)
 
 
 def contact_to_kernel(contact: Contact) -> tuple[Any, ...]:
@@ -98,13 +98,13 @@ def mount_to_kernel(
     kind, given = coupling.kernel()
     numbers = _in_order(COUPLING_NUMBERS, given, "coupling")
     if robot is None:
-        return (kind, kernels.STIFF_ROBOT, tool_mass, numbers, _NO_ROBOT, 0, 0, 0.0), NO_TABLE
+        return (kind, kernels.RIGID_ROBOT, tool_mass, numbers, _NO_ROBOT, 0, 0, 0.0), NO_TABLE
     if isinstance(robot, Robot):
         given = {"mass": robot.mass, "stiffness": robot.stiffness, "damping": robot.damping}
         of_robot = _in_order(ROBOT_NUMBERS, given, "robot")
-        return (kind, kernels.LUMPED, tool_mass, numbers, of_robot, 0, 0, 0.0), NO_TABLE
+        return (kind, kernels.ROBOT, tool_mass, numbers, of_robot, 0, 0, 0.0), NO_TABLE
     splines = robot.splines
     mass, stiffness, _ = splines(splines.x).T
     rows = splines.c[::-1].transpose(1, 2, 0)  # axes: interval; mass, stiffness, damping; power 0 to 3
-    held = kind, kernels.TABLE_OF_POSITION, tool_mass, numbers, _NO_ROBOT, table_at, len(rows), max(stiffness / mass)
+    held = kind, kernels.ROBOT_TABLE, tool_mass, numbers, _NO_ROBOT, table_at, len(rows), max(stiffness / mass)
     return held, np.concatenate([splines.x, rows.ravel()])

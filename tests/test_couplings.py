@@ -54,7 +54,7 @@ def test_one_more_number_of_a_record_changes_no_other(place, monkeypatch):
 
 
 def test_a_number_without_a_place_in_the_record_is_refused(monkeypatch):
-    monkeypatch.setattr(ig.Rigid, "kernel", lambda _: (kernels.DIRECT, {"viscosity": 1.0}))
+    monkeypatch.setattr(ig.Rigid, "kernel", lambda _: (kernels.RIGID, {"viscosity": 1.0}))
     refused(lambda: ig.simulate(scene(), MOTION), "'viscosity'", "coupling.viscosity", "quantities.py")
 
 

@@ -28,7 +28,7 @@ ROWS_PER_THREAD = 256
 """If several threads share the rows, each gets at least this number; with smaller shares, one thread is faster."""
 
 _STATE = (
-    "draws", "laws", "chains", "episodes", "readings", "ranges", "links", "packets", "observations", "rewards",
+    "draws", "models", "chains", "episodes", "readings", "ranges", "links", "packets", "observations", "rewards",
     "traces",
 )  # fmt: skip
 TRACE_INTERVAL = 1e-3  # s, largest time between two points of a trace while tool and object do not touch
@@ -108,15 +108,15 @@ class Batch:
             numbers += len(table)
         self._tasks, self.draws = np.concatenate(records), np.array(draws, kernels.DRAW)
         self._tables, self._entries = np.concatenate(tables), self.spec.to_kernel()
-        self.laws = kernels.laws_of(np.ascontiguousarray(self._tasks["mount"]))
+        self.models = kernels.models_of(np.ascontiguousarray(self._tasks["mount"]))
         if self._tasks["mount_drawn"].any():
-            self.laws = np.resize(self.laws, self.size)
+            self.models = np.resize(self.models, self.size)
 
     def _make_rows(self) -> None:
-        draws, laws, *arrays, traces = (getattr(self, name) for name in _STATE)
+        draws, models, *arrays, traces = (getattr(self, name) for name in _STATE)
         recorder = np.empty(0, kernels.CONTACT), traces, np.empty(0), TRACE_INTERVAL
         shared = self._entries, recorder, self.max_steps, len(self.action_spec)
-        self._rows = kernels.Rows(self._tasks, draws, laws, self._tables, *arrays, *shared)
+        self._rows = kernels.Rows(self._tasks, draws, models, self._tables, *arrays, *shared)
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name != "_rows"}
@@ -131,7 +131,7 @@ class Batch:
         for task in self.tasks:
             task.check_distance(ranges.distance[0])
         for name, (low, high) in ranges.by_id().items():
-            rows = self.draws["place"] == PLACES[name]
+            rows = self.draws["index"] == PLACES[name]
             self.draws["low"][rows], self.draws["high"][rows] = low, high
 
     def begin(
@@ -281,7 +281,7 @@ class Batch:
 
     def bodies(self) -> Bodies:
         """Return the present `Bodies`; with a compliant robot and a rigid coupling the flange moves with the tool."""
-        chains, with_tool = self.chains, np.resize(self.laws["with_tool"], self.size)
+        chains, with_tool = self.chains, np.resize(self.models["with_tool"], self.size)
         tool = chains["flange_position"] + chains["deflection"]
         flange = np.where(with_tool, tool, chains["flange_position"] + chains["flange_offset"])
         deflection = chains["deflection"] - chains["flange_offset"]

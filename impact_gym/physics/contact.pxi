@@ -30,7 +30,7 @@ cdef struct Contact:  # the law of a contact, with the symbols above
     int64_t twice_m, twice_n  # 2 m and 2 n if they are whole numbers, else -1
     double nominal  # -, damping factor at the velocity `reference`, or at every velocity if `reference` is 0
     double reference  # m/s, reference velocity if the hysteresis damping chi is constant; 0: d is constant
-    double held  # 0 while the force is kept at 0 because f would be negative (`damping` is then 0, too); else 1
+    double active  # 0 while the force is kept at 0 because f would be negative (`damping` is then 0, too); else 1
 
 
 cdef struct Units:  # natural units of a contact; for motion without contact see `flight_units`
@@ -41,6 +41,7 @@ cdef struct Units:  # natural units of a contact; for motion without contact see
 
 
 cpdef Contact contact_of(double stiffness, double damping, double m, double n, double reference) noexcept nogil:
+    """Return the law of a contact (SI units); `reference` (m/s) is 0 for a constant damping factor."""
     cdef Contact law = Contact(stiffness, damping, m, n, -1, -1, damping, reference, 1.0)
     if 2.0 * m == floor(2.0 * m):
         law.twice_m = <int64_t> (2.0 * m)
@@ -50,6 +51,7 @@ cpdef Contact contact_of(double stiffness, double damping, double m, double n, d
 
 
 cdef inline bint is_hertz(const Contact *law) noexcept nogil:
+    """Return whether m = n = 3/2."""
     return law.twice_m == 3 and law.twice_n == 3
 
 
@@ -67,6 +69,7 @@ cdef inline double root_power(double z, double exponent, int64_t twice) noexcept
 
 
 cdef Units natural_units(const Contact *law, double reduced_mass, double approach_velocity) noexcept nogil:
+    """Return the units of a contact, from the reduced mass (kg) and the approach velocity (m/s)."""
     cdef Units units
     units.velocity = max(approach_velocity, APPROACH_VELOCITY_FLOOR)
     units.length = pow(reduced_mass * units.velocity * units.velocity / law.stiffness, 1.0 / (law.m + 1.0))
@@ -85,40 +88,32 @@ cdef inline double damping_at(const Contact *law, double approach_velocity) noex
 cdef inline double contact_force(const Contact *law, double z, double w) noexcept nogil:
     """Return f, the contact force / F0 (paper, eq. 5); negative where the contact would pull."""
     if is_hertz(law):
-        return z * z * z * (law.held + law.damping * w)
-    return law.held * root_power(z, law.m, law.twice_m) + law.damping * root_power(z, law.n, law.twice_n) * w
-
-
-cdef inline double impulse_rate(const Contact *law, double z, double w) noexcept nogil:
-    """Return z f, the derivative of the impulse by s."""
-    cdef double fourth
-    if is_hertz(law):
-        fourth = (z * z) * (z * z)
-        return fourth * law.held + (fourth * law.damping) * w  # w is computed last, so few operations wait for it
-    return z * contact_force(law, z, w)
+        return z * z * z * (law.active + law.damping * w)
+    return law.active * root_power(z, law.m, law.twice_m) + law.damping * root_power(z, law.n, law.twice_n) * w
 
 
 cdef inline (double, double) contact_gradient(const Contact *law, double z, double w) noexcept nogil:
+    """Return df/dz and df/dw of the force f."""
     cdef double u_m, u_n
     if is_hertz(law):
-        return 3.0 * z * z * (law.held + law.damping * w), law.damping * z * z * z
+        return 3.0 * z * z * (law.active + law.damping * w), law.damping * z * z * z
     if z == 0.0:
         return 0.0, law.damping if law.n == 0.0 else 0.0
     u_m, u_n = root_power(z, law.m, law.twice_m), root_power(z, law.n, law.twice_n)
-    return 2.0 * (law.held * law.m * u_m + law.damping * law.n * u_n * w) / z, law.damping * u_n
+    return 2.0 * (law.active * law.m * u_m + law.damping * law.n * u_n * w) / z, law.damping * u_n
 
 
 cdef inline (double, double) force_along(const Contact *law, double z, double w, double w_slope) noexcept nogil:
     """Return the force f and its derivative df/ds, for dz/ds = w / 2 and dw/ds = `w_slope`."""
-    cdef double f_z, f_w, grip
+    cdef double f_z, f_w, factor
     if is_hertz(law):
-        grip = law.held + law.damping * w
-        return z * z * z * grip, z * z * (1.5 * w * grip + law.damping * z * w_slope)
+        factor = law.active + law.damping * w
+        return z * z * z * factor, z * z * (1.5 * w * factor + law.damping * z * w_slope)
     f_z, f_w = contact_gradient(law, z, w)
     return contact_force(law, z, w), 0.5 * f_z * w + f_w * w_slope
 
 
-cdef inline (double, double) contact_grip(const Contact *law, double z, double w, double w_slope) noexcept nogil:
+cdef inline (double, double) unclamped_sign(const Contact *law, double z, double w, double w_slope) noexcept nogil:
     """Return g = f / u^min(m, n), which has the sign of f, and dg/ds; `w_slope` is dw/ds."""
     cdef double p, u_p, growth
     if law.m == law.n:

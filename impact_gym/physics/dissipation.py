@@ -19,7 +19,7 @@ from impact_gym.kernels import delivered, delivered_linear, exact_damping, hu_gu
 from impact_gym.support.validation import choice
 
 
-class Law(NamedTuple):
+class DampingLaw(NamedTuple):
     """A published law: damping factor d as a function of the nominal restitution e."""
 
     factor: Callable[[float], float]
@@ -28,20 +28,20 @@ class Law(NamedTuple):
 
 
 PUBLISHED = {
-    "hu-guo": Law(hu_guo, r"\tfrac32 (1 - e) / e", "Hu and Guo (2015), the paper's eq. 7"),
-    "hunt-crossley": Law(lambda e: 1.5 * (1.0 - e), r"\tfrac32 (1 - e)", "J. Appl. Mech. 42 (1975) 440-445"),
-    "lankarani-nikravesh": Law(
+    "hu-guo": DampingLaw(hu_guo, r"\tfrac32 (1 - e) / e", "Hu and Guo (2015), the paper's eq. 7"),
+    "hunt-crossley": DampingLaw(lambda e: 1.5 * (1.0 - e), r"\tfrac32 (1 - e)", "J. Appl. Mech. 42 (1975) 440-445"),
+    "lankarani-nikravesh": DampingLaw(
         lambda e: 0.75 * (1.0 - e) * (1.0 + e), r"\tfrac34 (1 - e^2)", "J. Mech. Des. 112 (1990) 369-376"
     ),
-    "herbert-mcwhannell": Law(
+    "herbert-mcwhannell": DampingLaw(
         lambda e: 6.0 * (1.0 - e) / ((2.0 * e - 1.0) ** 2 + 3.0),
         "6 (1 - e) / ((2e - 1)^2 + 3)", "J. Eng. Ind. 99 (1977) 263-266",
     ),
-    "gonthier": Law(
+    "gonthier": DampingLaw(
         lambda e: (1.0 - e) * (1.0 + e) / e,
         "(1 - e^2) / e", "with McPhee, Lange, Piedboeuf, Multibody Syst. Dyn. 11 (2004) 209-233, for small e",
     ),
-    "flores": Law(
+    "flores": DampingLaw(
         lambda e: 1.6 * (1.0 - e) / e,
         r"\tfrac85 (1 - e) / e", "with Machado, Silva, Martins, Multibody Syst. Dyn. 25 (2011) 357-375",
     ),

@@ -37,11 +37,14 @@ cdef inline double spring_slope(const Mechanism *law, double x) noexcept nogil:
 
 
 cpdef inline double bistable_energy(double stiffness, double free_length, double height, double x) noexcept nogil:
+    """Return the energy of a mechanism's spring at the slider's position x (m), J."""
     cdef double squeeze = free_length - sqrt(height * height + x * x)
     return 0.5 * stiffness * squeeze * squeeze
 
 
-cdef inline double mechanism_pull(const Mechanism *law, int pressed, double stretch, double stretch_rate) noexcept nogil:
+cdef inline double mechanism_pull(
+    const Mechanism *law, int pressed, double stretch, double stretch_rate
+) noexcept nogil:
     """Return the force on the tool, N (paper, eq. 23), from spring, damper and the stop `pressed` (FREE: no stop)."""
     cdef double pull, x = law.rest + stretch
     if law.linear:
@@ -50,10 +53,10 @@ cdef inline double mechanism_pull(const Mechanism *law, int pressed, double stre
         pull = bistable_force(law.stiffness, law.free_length, law.height, x)
     if pressed == FREE:
         return pull
-    return pull - law.stop_stiffness * (x - stop_place(law, pressed)) - law.stop_damping * stretch_rate
+    return pull - law.stop_stiffness * (x - stop_position(law, pressed)) - law.stop_damping * stretch_rate
 
 
-cdef inline double stop_place(const Mechanism *law, int stop) noexcept nogil:
+cdef inline double stop_position(const Mechanism *law, int stop) noexcept nogil:
     return law.front_stop if stop == FRONT else law.rear_stop
 
 
@@ -62,7 +65,7 @@ cdef inline (double, double, double) stop_switch(
 ) noexcept nogil:
     """Return value (N), height (N) and slope (N/s), see `Events`, of the event that `stop` begins or ceases to push."""
     cdef double k = law.stop_stiffness, c = law.stop_damping
-    cdef double push = stop * k * (law.rest + stretch - stop_place(law, stop)), moving = stop * rate
+    cdef double push = stop * k * (law.rest + stretch - stop_position(law, stop)), moving = stop * rate
     if pressed == stop:  # the event: this stop would pull; its damper can do so while its spring is still compressed
         return -(push + c * moving), -(push + c * moving), -(k * moving + c * stop * acceleration)
     if pressed != FREE:  # the other stop pushes
@@ -78,12 +81,14 @@ cdef inline double stiffness_bound(const Mechanism *law) noexcept nogil:
 
 
 cdef inline double spring_energy(const Mechanism *law, double x) noexcept nogil:
+    """Return the energy of the spring alone at the slider's position x (m), J."""
     if law.linear:
         return 0.5 * law.stiffness * x * x
     return bistable_energy(law.stiffness, law.free_length, law.height, x)
 
 
 cdef inline double mechanism_energy(const Mechanism *law, double stretch) noexcept nogil:
+    """Return the energy of spring and stops, J."""
     cdef double x = law.rest + stretch
     cdef double depth = max(max(x - law.front_stop, law.rear_stop - x), 0.0)
     return spring_energy(law, x) + 0.5 * law.stop_stiffness * depth * depth

@@ -1,43 +1,45 @@
-"""Bounds on the motion of an INTEGRATED chain (see `integrated.pxi`)."""
+"""Bounds on the motion of chains that deflect, by their energy (see `general.pxi`)."""
 
 
-cdef inline double coupling_energy(const Law *law, double stretch) noexcept nogil:
-    if law.stops:
-        return mechanism_energy(&law.mechanism, stretch)
-    return 0.5 * law.stiffness * stretch * stretch
+cdef inline double coupling_energy(const ChainModel *model, double stretch) noexcept nogil:
+    """Return the energy of the coupling and its stops, J."""
+    if model.stops:
+        return mechanism_energy(&model.mechanism, stretch)
+    return 0.5 * model.stiffness * stretch * stretch
 
 
-cdef inline double coupling_reach(const Law *law, double stretch, double kinetic) noexcept nogil:
+cdef inline double coupling_reach(const ChainModel *model, double stretch, double kinetic) noexcept nogil:
     """Return a bound on the future stretch, m, given the present stretch and `kinetic` energy (J)."""
-    if law.stops:
-        return mechanism_reach(&law.mechanism, stretch, kinetic)
-    return sqrt(stretch * stretch + 2.0 * kinetic / law.stiffness)
+    if model.stops:
+        return mechanism_reach(&model.mechanism, stretch, kinetic)
+    return sqrt(stretch * stretch + 2.0 * kinetic / model.stiffness)
 
 
 cdef inline double moving_mass(const Run *run, double position) noexcept nogil:
-    """Return the mass that strikes the object, kg: the tool's; with a DIRECT coupling also a compliant robot's."""
+    """Return the mass that strikes the object, kg: the tool's; with a rigid coupling also a compliant robot's."""
     cdef RobotTable table
-    if run.law.kind != INTEGRATED or run.law.coupled:
-        return run.law.tool_mass
+    if run.model.coupled:
+        return run.model.tool_mass
     table = robot_table(run)
-    return run.law.tool_mass + robot_at(&table, position).mass
+    return run.model.tool_mass + robot_at(&table, position).mass
 
 
 cdef double highest_frequency(const Run *run, double position) noexcept nogil:
     """Estimate the highest angular frequency of the chain without its stops, rad/s."""
-    cdef const Law *law = run.law
+    cdef const ChainModel *model = run.model
     cdef RobotTable table = robot_table(run)
-    cdef double square = law.stiffest if law.intervals else 0.0, k = law.stiffness
-    if law.coupled:
-        if law.stops:
-            k = stiffness_bound(&law.mechanism)
-        square += k / law.tool_mass
-        if law.intervals:
+    cdef double square = model.stiffest if model.intervals else 0.0, k = model.stiffness
+    if model.coupled:
+        if model.stops:
+            k = stiffness_bound(&model.mechanism)
+        square += k / model.tool_mass
+        if model.intervals:
             square += k / robot_at(&table, position).mass
     return sqrt(square)
 
 
 cdef Units flight_units(const Run *run, const Chain *chain, double acceleration) noexcept nogil:
+    """Return units of a flight, from the present speeds and the chain's highest frequency."""
     cdef Units units
     units.time = 1.0 / highest_frequency(run, chain.flange_position)
     units.velocity = max(fabs(chain.penetration_rate - chain.deflection_rate), fabs(chain.flange_velocity))
@@ -52,49 +54,50 @@ cdef enum:
     TABLE = 2  # safety factor on the energy, because the robot's parameters vary within an interval of its table
 
 
-cdef double longest_blind_step(const Piece *now, const double *x, double longest, double shortest) noexcept nogil:
+cdef double longest_blind_step(const Piece *piece, const double *x, double longest, double shortest) noexcept nogil:
     """Return a scaled step, `longest` or shorter, in which a flight cannot touch the object. `shortest`: none found."""
-    cdef const Law *law = now.law
-    cdef Swing at = swing(now, x[TIME], x[DEFLECTION], x[DEFLECTION_RATE], x[OFFSET], x[OFFSET_RATE])
-    cdef double touching = law.tool_mass, mass = law.tool_mass, energy, floor = 0.0, barrier = INFINITY
-    cdef double closing = (x[RATE] - x[DEFLECTION_RATE]) * now.units.velocity, gap = -x[ROOT] * now.units.length
-    cdef double span, gained, fed, h = longest, ground = now.ground * now.units.velocity / now.units.time
-    if now.robot.intervals:
+    cdef const ChainModel *model = piece.model
+    cdef ChainMotion at = chain_motion(piece, x[TIME], x[DEFLECTION], x[DEFLECTION_RATE], x[OFFSET], x[OFFSET_RATE])
+    cdef double touching = model.tool_mass, mass = model.tool_mass, energy, floor = 0.0, barrier = INFINITY
+    cdef double closing = (x[RATE] - x[DEFLECTION_RATE]) * piece.units.velocity, gap = -x[ROOT] * piece.units.length
+    cdef double span, gained, fed, h = longest, ground = piece.ground * piece.units.velocity / piece.units.time
+    if piece.robot.intervals:
         mass += at.robot.mass
-    if law.coupled:
-        energy = coupling_energy(law, at.y - at.q) + 0.5 * law.tool_mass * at.y_dot * at.y_dot
-        if now.robot.intervals:
+    if model.coupled:
+        energy = coupling_energy(model, at.y - at.q) + 0.5 * model.tool_mass * at.y_dot * at.y_dot
+        if piece.robot.intervals:
             energy += 0.5 * (at.robot.mass * at.q_dot * at.q_dot + at.robot.stiffness * at.q * at.q)
-        if law.stops:
-            floor, barrier = mechanism_floor(&law.mechanism, now.side)
+        if model.stops:
+            floor, barrier = mechanism_floor(&model.mechanism, piece.side)
     else:
         touching = mass
         energy = 0.5 * (mass * at.y_dot * at.y_dot + at.robot.stiffness * at.y * at.y)
     # E is `energy`, in the frame of the imposed motion; sqrt(E) grows by at most |acceleration| sqrt(mass / 2) per s
     while h > shortest:
-        span = h * now.units.time
-        gained = fabs(now.acceleration) * sqrt(0.5 * mass) * span
+        span = h * piece.units.time
+        gained = fabs(piece.acceleration) * sqrt(0.5 * mass) * span
         fed = sqrt(TABLE * max(energy - floor, 0.0)) + gained
         if floor + fed * fed >= barrier:  # the slider can pass its alignment, and the energy can then be below `floor`
             fed = sqrt(TABLE * energy) + gained
-        if span * (closing + (fabs(now.acceleration) + ground) * span + fed * sqrt(2.0 / touching)) < gap:
+        if span * (closing + (fabs(piece.acceleration) + ground) * span + fed * sqrt(2.0 / touching)) < gap:
             return h
         h *= 0.5
     return shortest
 
 
-cdef double integrated_reach(const Run *run, const Chain *chain) noexcept nogil:
+cdef double deflection_reach(const Run *run, const Chain *chain) noexcept nogil:
     """Return a bound on the future deflection, m, if the imposed motion stays at rest and no contact occurs."""
-    cdef const Law *law = run.law
+    cdef const ChainModel *model = run.model
     cdef RobotTable table = robot_table(run)
     cdef RobotNow robot
-    cdef double stretch = chain.deflection - chain.flange_offset
-    cdef double outside = 0.5 * law.tool_mass * chain.deflection_rate * chain.deflection_rate
-    if not law.intervals:
-        return coupling_reach(law, stretch, outside)
+    cdef double energy, stretch = chain.deflection - chain.flange_offset
+    cdef double outside = 0.5 * model.tool_mass * chain.deflection_rate * chain.deflection_rate
+    if not model.intervals:
+        return coupling_reach(model, stretch, outside)
     robot = robot_at(&table, chain.flange_position)
-    if not law.coupled:
-        return hypot(chain.deflection, chain.deflection_rate * sqrt((robot.mass + law.tool_mass) / robot.stiffness))
+    if not model.coupled:
+        return hypot(chain.deflection, chain.deflection_rate * sqrt((robot.mass + model.tool_mass) / robot.stiffness))
     outside += 0.5 * robot.mass * chain.flange_offset_rate * chain.flange_offset_rate
     outside += 0.5 * robot.stiffness * chain.flange_offset * chain.flange_offset
-    return coupling_reach(law, stretch, outside) + sqrt(2.0 * (outside + coupling_energy(law, stretch)) / robot.stiffness)
+    energy = outside + coupling_energy(model, stretch)
+    return coupling_reach(model, stretch, outside) + sqrt(2.0 * energy / robot.stiffness)

@@ -28,126 +28,129 @@ cdef struct Events:
     double[ROWS] height, slope  # slope: derivative of height (without height, of value) by s, in flight by scaled time
 
 
-cdef void evaluate_events(const Piece *now, const double *x, const double *rate, Events *events) noexcept nogil:
+cdef void evaluate_events(const Piece *piece, const double *x, const double *rate, Events *events) noexcept nogil:
+    """Compute the rows of all events of the piece, for a scaled state and its derivative."""
     cdef double z = x[ROOT], w = x[RATE]
-    if now.law.stops:
-        evaluate_slider_events(now, x, rate, events)
-    if now.flying:
+    if piece.model.stops:
+        evaluate_slider_events(piece, x, rate, events)
+    if piece.flying:
         events.value[TOUCH] = events.height[TOUCH] = z
         events.slope[TOUCH] = rate[ROOT]
         return
-    events.value[CLOCK], events.slope[CLOCK] = x[TIME] - now.horizon, rate[TIME]
+    events.value[CLOCK], events.slope[CLOCK] = x[TIME] - piece.horizon, rate[TIME]
     events.value[SEPARATION], events.slope[SEPARATION] = -z, -rate[ROOT]
-    events.value[CLAMP], events.slope[CLAMP] = contact_grip(now.grip, z, w, rate[RATE])
+    events.value[CLAMP], events.slope[CLAMP] = unclamped_sign(piece.unclamped, z, w, rate[RATE])
     events.height[FORCE] = events.slope[FORCE] = 0.0
-    if now.contact.held != 0.0:
+    if piece.contact.active != 0.0:
         events.value[CLAMP], events.slope[CLAMP] = -events.value[CLAMP], -events.slope[CLAMP]
-        events.height[FORCE], events.slope[FORCE] = force_along(&now.contact, z, w, rate[RATE])
+        events.height[FORCE], events.slope[FORCE] = force_along(&piece.contact, z, w, rate[RATE])
         if z == 0.0:  # at z = 0 the computed slope may be 0 although the force rises
             events.slope[FORCE] = 1e-300
     events.height[CLAMP] = events.value[CLAMP]
-    events.value[FORCE] = events.height[FORCE] - now.threshold
-    if now.rough:
-        evaluate_object_events(now, x, rate, events)
+    events.value[FORCE] = events.height[FORCE] - piece.threshold
+    if piece.has_friction:
+        evaluate_object_events(piece, x, rate, events)
 
 
-cdef void evaluate_object_events(const Piece *now, const double *x, const double *rate, Events *events) noexcept nogil:
+cdef void evaluate_object_events(
+    const Piece *piece, const double *x, const double *rate, Events *events
+) noexcept nogil:
     """Compute the rows SLIP, REST and TOP of an object with friction. The row FORCE must be known."""
-    cdef double speed = -x[RATE], gain = now.push * rate[TIME] - rate[RATE]
-    events.value[SLIP] = events.height[SLIP] = events.height[FORCE] - now.friction
+    cdef double push = piece.acceleration * piece.units.time / piece.units.velocity
+    cdef double speed = -x[RATE], gain = push * rate[TIME] - rate[RATE]
+    events.value[SLIP] = events.height[SLIP] = events.height[FORCE] - piece.friction
     events.slope[SLIP] = events.slope[FORCE]
-    speed += (now.velocity + now.acceleration * x[TIME] * now.units.time) / now.units.velocity
-    if now.law.kind != RIGID:
-        speed, gain = speed + x[DEFLECTION_RATE], gain + rate[DEFLECTION_RATE]
-    events.value[REST] = events.height[REST] = -speed - now.standstill
+    speed += (piece.velocity + piece.acceleration * x[TIME] * piece.units.time) / piece.units.velocity
+    speed, gain = speed + x[DEFLECTION_RATE], gain + rate[DEFLECTION_RATE]
+    events.value[REST] = events.height[REST] = -speed - piece.standstill
     events.slope[REST] = -gain
     events.value[TOP], events.height[TOP], events.slope[TOP] = -1.0, speed, gain
     if x[ROOT] <= 0.0:  # at z = 0 the slope is 0; at z < 0 its sign is wrong, because time runs backwards
         events.slope[TOP] = copysign(1e-300, events.value[SLIP])
 
 
-cdef inline bint acts(const Piece *now, int row) noexcept nogil:
+cdef inline bint acts(const Piece *piece, int row) noexcept nogil:
+    """Return whether the event of a row can occur in the piece."""
     if SLIP <= row <= TOP:
-        return now.rough and (row == SLIP) == (now.object_state == STUCK)
+        return piece.has_friction and (row == SLIP) == (piece.object_state == STUCK)
     if row == ALIGNMENT:
-        return now.law.bistable
-    return now.law.stops or not FRONT_STOP <= row <= REAR_STOP
+        return piece.model.bistable
+    return piece.model.stops or not FRONT_STOP <= row <= REAR_STOP
 
 
-cdef void evaluate_slider_events(const Piece *now, const double *x, const double *rate, Events *events) noexcept nogil:
-    cdef const Mechanism *law = &now.law.mechanism
-    cdef double pace = rate[TIME], per_s = pace * now.units.time
-    cdef double stretch = (x[DEFLECTION] - x[OFFSET]) * now.units.length
-    cdef double speed = (x[DEFLECTION_RATE] - x[OFFSET_RATE]) * now.units.velocity
-    cdef double acceleration = 0.0
+cdef void evaluate_slider_events(
+    const Piece *piece, const double *x, const double *rate, Events *events
+) noexcept nogil:
+    """Compute the rows of a coupling with stops."""
+    cdef const Mechanism *law = &piece.model.mechanism
+    cdef double pace = rate[TIME], per_s = pace * piece.units.time
+    cdef double stretch = (x[DEFLECTION] - x[OFFSET]) * piece.units.length
+    cdef double speed = (x[DEFLECTION_RATE] - x[OFFSET_RATE]) * piece.units.velocity
+    cdef double value, height, slope, acceleration = 0.0
+    cdef int stop, row
     if pace > 0.0:
-        acceleration = (rate[DEFLECTION_RATE] - rate[OFFSET_RATE]) * now.units.velocity / per_s
-    events.value[FRONT_STOP], events.height[FRONT_STOP], events.slope[FRONT_STOP] = stop_switch(
-        law, FRONT, now.pressed, stretch, speed, acceleration
-    )
-    events.value[REAR_STOP], events.height[REAR_STOP], events.slope[REAR_STOP] = stop_switch(
-        law, REAR, now.pressed, stretch, speed, acceleration
-    )
-    events.value[ALIGNMENT], events.slope[ALIGNMENT] = -now.side * (law.rest + stretch), -now.side * speed
+        acceleration = (rate[DEFLECTION_RATE] - rate[OFFSET_RATE]) * piece.units.velocity / per_s
+    for row in range(FRONT_STOP, REAR_STOP + 1):
+        stop = FRONT if row == FRONT_STOP else REAR
+        value, height, slope = stop_switch(law, stop, piece.pressed, stretch, speed, acceleration)
+        events.value[row], events.height[row], events.slope[row] = value, height, slope * per_s
+    events.value[ALIGNMENT], events.slope[ALIGNMENT] = -piece.side * (law.rest + stretch), -piece.side * speed * per_s
     events.height[ALIGNMENT] = events.value[ALIGNMENT]
-    events.slope[FRONT_STOP] *= per_s
-    events.slope[REAR_STOP] *= per_s
-    events.slope[ALIGNMENT] *= per_s
 
 
 cdef struct Finding:
     int event  # the first event in the step, NOTHING, or SHORTER
-    double share  # place of the event in the step, 0 to 1; for SHORTER the factor for the step's length
-    double within  # a place in the step, 0 to 1, at or after the event
+    double fraction  # position of the event in the step, 0 to 1; for SHORTER the factor for the step's length
+    double within  # a position in the step, 0 to 1, at or after the event
     double peak, top  # scaled maxima inside the step (0: none) of the contact force and of a sliding object's speed
     double peak_at, top_at  # distances of `peak` and `top` from the start of the step, in the variable s
 
 
 cdef Finding search(
-    const Piece *now, Work *work, double h, const Events *start, const Events *end, bint undetected
+    const Piece *piece, Work *work, double h, const Events *start, const Events *end, bint undetected
 ) noexcept nogil:
     """Return the first event in the last tried step, of length `h`; `start` and `end` have the rows at both ends."""
     cdef Finding found = Finding(NOTHING, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0)
     cdef int row
-    cdef double high, share, reached
+    cdef double high, fraction, reached
     cdef Events summit
-    for row in range(FRONT_STOP if now.flying else CLOCK, ROWS if now.flying else TOUCH):
-        if not acts(now, row):
+    for row in range(FRONT_STOP if piece.flying else CLOCK, ROWS if piece.flying else TOUCH):
+        if not acts(piece, row):
             continue
         high, reached = 1.0, end.value[row]
-        if (row == FORCE or row == SLIP) and now.contact.n == 0.0 and work.x[ROOT] == 0.0:
-            if end.slope[FORCE] < 0.0 and rises_at_onset(now, work, h):
+        if (row == FORCE or row == SLIP) and piece.contact.n == 0.0 and work.x[ROOT] == 0.0:
+            if end.slope[FORCE] < 0.0 and rises_at_onset(piece, work, h):
                 return Finding(SHORTER, 0.25, 1.0, 0.0, 0.0, 0.0, 0.0)  # try a step that may end before the peak force
-        elif (row == FORCE or (row >= CLAMP and reached <= 0.0)) and comes_back(row, h, start, end):
-            share = climb(now, work, h, row, start, end, &summit)
+        elif (row == FORCE or (row >= CLAMP and reached <= 0.0)) and has_inner_maximum(row, h, start, end):
+            fraction = find_maximum(piece, work, h, row, start, end, &summit)
             if row == FORCE:
-                found.peak, found.peak_at = summit.height[FORCE], share * h
+                found.peak, found.peak_at = summit.height[FORCE], fraction * h
             elif row == TOP:
-                found.top, found.top_at = summit.height[TOP], share * h
+                found.top, found.top_at = summit.height[TOP], fraction * h
             if reached <= 0.0:
-                high, reached = share, summit.value[row]
+                high, reached = fraction, summit.value[row]
         if not reached > 0.0 or (row == FORCE and not undetected):
             continue
         if starts_on(row, h, start, reached):
             return Finding(SHORTER, 0.5, 1.0, 0.0, 0.0, 0.0, 0.0)
         if row == CLOCK:
-            share = clock_share(now, work, h)
+            fraction = clock_fraction(piece, work, h)
         else:
-            share = crossing_share(now, work, h, row, start, end, high)
-        if found.event == NOTHING or share < found.share:
-            found.event, found.share, found.within = row, share, high
-    if found.event == NOTHING and now.flying:
-        share = bend_share(work, h)
-        if share < 1.0:
-            return Finding(SHORTER, share, 1.0, 0.0, 0.0, 0.0, 0.0)
+            fraction = crossing_fraction(piece, work, h, row, start, end, high)
+        if found.event == NOTHING or fraction < found.fraction:
+            found.event, found.fraction, found.within = row, fraction, high
+    if found.event == NOTHING and piece.flying:
+        fraction = inflection_fraction(work, h)
+        if fraction < 1.0:
+            return Finding(SHORTER, fraction, 1.0, 0.0, 0.0, 0.0, 0.0)
     return found
 
 
-cdef bint rises_at_onset(const Piece *now, Work *work, double h) noexcept nogil:
+cdef bint rises_at_onset(const Piece *piece, Work *work, double h) noexcept nogil:
     """Return whether the force grows just after the onset of a contact with n = 0. At the onset df/ds = 0."""
     cdef Events soon
-    probe_exactly(now, work, h, 1e-3)  # 1e-3 of the step in s is about 1e-6 of its duration, because z begins at 0
-    evaluate_events(now, work.probe, work.probe_rate, &soon)
+    probe_exactly(piece, work, h, 1e-3)  # 1e-3 of the step in s is about 1e-6 of its duration, because z begins at 0
+    evaluate_events(piece, work.probe, work.probe_rate, &soon)
     return soon.slope[FORCE] > 0.0
 
 
@@ -158,23 +161,24 @@ cdef bint starts_on(int row, double h, const Events *start, double reached) noex
     return FRONT_STOP <= row <= ALIGNMENT or start.slope[row] <= 0.0
 
 
-cdef int before_landing(const Piece *now, const Events *end, int landed, bint undetected) noexcept nogil:
-    """Return an event that also occurred in a step that ends on event `landed`, or NOTHING."""
+cdef int earlier_event(const Piece *piece, const Events *end, int reached, bint undetected) noexcept nogil:
+    """Return an event that also occurred in a step that ends on event `reached`, or NOTHING."""
     cdef int row
-    for row in range(FRONT_STOP if now.flying else CLOCK, ROWS if now.flying else TOUCH):
-        if not acts(now, row):
+    for row in range(FRONT_STOP if piece.flying else CLOCK, ROWS if piece.flying else TOUCH):
+        if not acts(piece, row):
             continue
-        if row != landed and end.value[row] > 0.0 and (undetected or row != FORCE):
+        if row != reached and end.value[row] > 0.0 and (undetected or row != FORCE):
             return row
     return NOTHING
 
 
 cdef double extremum(double start, double start_slope, double end, double end_slope) noexcept nogil:
     """Return where in (0, 1) a cubic is largest, given values and slopes at 0 and 1; it rises at 0 and falls at 1."""
-    cdef double a = 3.0 * (end - start) - 2.0 * start_slope - end_slope, b = start_slope + end_slope - 2.0 * (end - start)
+    cdef double a = 3.0 * (end - start) - 2.0 * start_slope - end_slope
+    cdef double b = start_slope + end_slope - 2.0 * (end - start)
     cdef double root = sqrt(max(a * a - 3.0 * b * start_slope, 0.0))
-    cdef double place = -start_slope / (a - root)
-    return place if 0.0 < place < 1.0 else 0.5
+    cdef double position = -start_slope / (a - root)
+    return position if 0.0 < position < 1.0 else 0.5
 
 
 cdef double on_cubic(double t, double start, double start_slope, double end, double end_slope) noexcept nogil:
@@ -185,7 +189,7 @@ cdef double on_cubic(double t, double start, double start_slope, double end, dou
     )
 
 
-cdef bint comes_back(int row, double h, const Events *start, const Events *end) noexcept nogil:
+cdef bint has_inner_maximum(int row, double h, const Events *start, const Events *end) noexcept nogil:
     """Return whether a row has a maximum in a step. Except in FORCE, SLIP and TOP, it must be about 0 or above."""
     cdef double v0 = start.height[row], v1 = end.height[row], s0 = h * start.slope[row], s1 = h * end.slope[row], top
     if row == TOP and s1 < 0.0 < start.slope[SLIP]:
@@ -198,36 +202,36 @@ cdef bint comes_back(int row, double h, const Events *start, const Events *end) 
     return top + 0.1 * (top - max(v0, v1)) > 0.0  # the margin is for the error of the cubic
 
 
-cdef double climb(
-    const Piece *now, Work *work, double h, int row, const Events *start, const Events *end, Events *summit
+cdef double find_maximum(
+    const Piece *piece, Work *work, double h, int row, const Events *start, const Events *end, Events *summit
 ) noexcept nogil:
     """Find the fraction of the step at which a row has its maximum; write all rows at this point into `summit`."""
     cdef double low = 0.0, high = 1.0, low_slope = start.slope[row], high_slope = end.slope[row], before, gain
-    cdef double share = extremum(start.height[row], h * low_slope, end.height[row], h * high_slope)
+    cdef double fraction = extremum(start.height[row], h * low_slope, end.height[row], h * high_slope)
     cdef int side = 0
     cdef bint exactly = work.method != EXPLICIT  # False: first search on the polynomial, to 1e-6 of the step
     for _ in range(60):  # find the zero of the slope by a secant method inside a bracket (Illinois)
         if exactly:
-            probe_exactly(now, work, h, share)
+            probe_exactly(piece, work, h, fraction)
         else:
-            probe(now, work, h, share)
-        evaluate_events(now, work.probe, work.probe_rate, summit)
-        before = share
+            probe(piece, work, h, fraction)
+        evaluate_events(piece, work.probe, work.probe_rate, summit)
+        before = fraction
         if summit.slope[row] < 0.0:
-            high, high_slope = share, summit.slope[row]
+            high, high_slope = fraction, summit.slope[row]
             low_slope *= 0.5 if side > 0 else 1.0
             side = 1
         else:
-            low, low_slope = share, summit.slope[row]
+            low, low_slope = fraction, summit.slope[row]
             high_slope *= 0.5 if side < 0 else 1.0
             side = -1
-        share = (low * high_slope - high * low_slope) / (high_slope - low_slope)
-        if not low < share < high:
-            share = 0.5 * (low + high)
-        gain = fabs(h * summit.slope[row] * (share - before))
-        if exactly and gain <= now.tolerance * fabs(summit.height[row]):
+        fraction = (low * high_slope - high * low_slope) / (high_slope - low_slope)
+        if not low < fraction < high:
+            fraction = 0.5 * (low + high)
+        gain = fabs(h * summit.slope[row] * (fraction - before))
+        if exactly and gain <= piece.tolerance * fabs(summit.height[row]):
             return before
-        if not exactly and fabs(share - before) <= 1e-6:
+        if not exactly and fabs(fraction - before) <= 1e-6:
             exactly = True
             low, low_slope, high, high_slope, side = 0.0, start.slope[row], 1.0, end.slope[row], 0
     return before
@@ -246,72 +250,73 @@ cdef double cubic_zero(double start, double start_slope, double end, double end_
     return t
 
 
-cdef double crossing_share(
-    const Piece *now, Work *work, double h, int row, const Events *start, const Events *end, double high
+cdef double crossing_fraction(
+    const Piece *piece, Work *work, double h, int row, const Events *start, const Events *end, double high
 ) noexcept nogil:
     """Find the fraction of the step, to 1e-9, at which a row is 0. The row is negative at 0 and positive at `high`."""
-    cdef double low = 0.0, share = 0.5 * high, value, move
+    cdef double low = 0.0, fraction = 0.5 * high, value, move
     cdef Events events
     if start.value[row] >= 0.0:  # because of rounding
         return 0.0
     if high == 1.0:
-        share = cubic_zero(start.value[row], h * start.slope[row], end.value[row], h * end.slope[row])
+        fraction = cubic_zero(start.value[row], h * start.slope[row], end.value[row], h * end.slope[row])
     for _ in range(60):
-        if not low < share < high:
-            share = 0.5 * (low + high)
-        probe(now, work, h, share)
-        evaluate_events(now, work.probe, work.probe_rate, &events)
+        if not low < fraction < high:
+            fraction = 0.5 * (low + high)
+        probe(piece, work, h, fraction)
+        evaluate_events(piece, work.probe, work.probe_rate, &events)
         value = events.value[row]
         move = -value / (h * events.slope[row])
         if fabs(move) <= 1e-9:
-            return min(max(share + move, 0.0), high)
+            return min(max(fraction + move, 0.0), high)
         if value > 0.0:
-            high = share
+            high = fraction
         else:
-            low = share
-        share += move
+            low = fraction
+        fraction += move
         if high - low <= 1e-12:
             break
     return high
 
 
-cdef double clock_share(const Piece *now, const Work *work, double h) noexcept nogil:
-    """Estimate the fraction of the step at which the piece ends, from t, z, w and dw/ds at the step's ends."""
+cdef double clock_fraction(const Piece *piece, const Work *work, double h) noexcept nogil:
+    """Estimate the fraction u of the step at which the piece ends, from t, z, w and dw/ds at the step's ends."""
     cdef double v0 = h * work.x[ROOT], a0 = 0.25 * h * h * work.x[RATE], j0 = h * h * h / 12.0 * work.rate[RATE]
-    cdef double v1 = h * work.trial[ROOT], a1 = 0.25 * h * h * work.trial[RATE], j1 = h * h * h / 12.0 * work.trial_rate[RATE]
-    cdef double way = work.trial[TIME] - work.x[TIME], left = now.horizon - work.x[TIME]
-    # A polynomial of degree 7 in `share` interpolates time. At the step's end, its terms up to degree 3 miss time by p,
+    cdef double v1 = h * work.trial[ROOT], a1 = 0.25 * h * h * work.trial[RATE]
+    cdef double j1 = h * h * h / 12.0 * work.trial_rate[RATE]
+    cdef double way = work.trial[TIME] - work.x[TIME], left = piece.horizon - work.x[TIME]
+    # A polynomial of degree 7 in u interpolates time. At the step's end, its terms up to degree 3 miss time by p,
     # and their first three derivatives (divided by 1, 2 and 6) miss those of time by q, r and t.
     cdef double p = way - v0 - a0 - j0, q = v1 - v0 - 2.0 * a0 - 3.0 * j0
     cdef double r = a1 - a0 - 3.0 * j0, t = j1 - j0
     cdef double c4 = 35.0 * p - 15.0 * q + 5.0 * r - t, c5 = -84.0 * p + 39.0 * q - 14.0 * r + 3.0 * t
     cdef double c6 = 70.0 * p - 34.0 * q + 13.0 * r - 3.0 * t, c7 = -20.0 * p + 10.0 * q - 4.0 * r + t
-    cdef double share = left / way, value, slope
+    cdef double u = left / way, value, slope
     for _ in range(8):
-        value = share * (v0 + share * (a0 + share * (j0 + share * (c4 + share * (c5 + share * (c6 + share * c7))))))
-        slope = v0 + share * (2.0 * a0 + share * (3.0 * j0 + share * (
-            4.0 * c4 + share * (5.0 * c5 + share * (6.0 * c6 + share * 7.0 * c7))
-        )))
+        value = u * (v0 + u * (a0 + u * (j0 + u * (c4 + u * (c5 + u * (c6 + u * c7))))))
+        slope = v0 + u * (2.0 * a0 + u * (3.0 * j0 + u * (4.0 * c4 + u * (5.0 * c5 + u * (6.0 * c6 + u * 7.0 * c7)))))
         value = (left - value) / slope
-        share = min(max(share + value, 0.0), 1.0)
+        u = min(max(u + value, 0.0), 1.0)
         if fabs(value) <= 1e-12:
             break
-    return share
+    return u
 
 
-cdef double bend_share(const Work *work, double h) noexcept nogil:
+cdef double inflection_fraction(const Work *work, double h) noexcept nogil:
     """Return the fraction of a flight's step where the gap may shrink, though it grows at both ends; 1: nowhere."""
     cdef double w0 = work.x[RATE], w1 = work.trial[RATE], bend0 = h * work.rate[RATE], bend1 = h * work.trial_rate[RATE]
-    cdef double share
+    cdef double fraction
     if w0 > 0.0 or w1 > 0.0 or not bend0 > 0.0 > bend1 or w0 + bend0 <= 0.0:
         return 1.0
-    share = extremum(w0, bend0, w1, bend1)
-    return share if share < 0.999 and on_cubic(share, w0, bend0, w1, bend1) > 0.0 else 1.0
+    fraction = extremum(w0, bend0, w1, bend1)
+    return fraction if fraction < 0.999 and on_cubic(fraction, w0, bend0, w1, bend1) > 0.0 else 1.0
 
 
-cdef double land(const Piece *now, Work *work, const Finding *found, double tried, double *error) noexcept nogil:
+cdef double step_onto_event(
+    const Piece *piece, Work *work, const Finding *found, double tried, double *error
+) noexcept nogil:
     """Take a step that ends on `found`, an event in a step of length `tried`; return the new length; set `error`."""
-    cdef double h = found.share * tried, low = 0.0, high = found.within * tried, off
+    cdef double h = found.fraction * tried, low = 0.0, high = found.within * tried, off
     cdef int row = found.event
     cdef Events events
     cdef int i
@@ -321,11 +326,11 @@ cdef double land(const Piece *now, Work *work, const Finding *found, double trie
         memcpy(work.trial_rate, work.rate, sizeof(work.x))
         return 0.0
     for _ in range(60):  # Newton's method on full steps: the event is on the computed motion, not on a polynomial
-        error[0] = attempt(now, work, h)
-        evaluate_events(now, work.trial, work.trial_rate, &events)
+        error[0] = attempt(piece, work, h)
+        evaluate_events(piece, work.trial, work.trial_rate, &events)
         off = -events.value[row] / events.slope[row]
         if fabs(off) <= 1e-7 * h:
-            for i in range(now.width):  # extrapolate linearly from h to h + off
+            for i in range(piece.width):  # extrapolate linearly from h to h + off
                 work.trial[i] += off * work.trial_rate[i]
             return h + off
         if events.value[row] > 0.0:

@@ -15,7 +15,7 @@ cdef enum:
 cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bint flying) noexcept nogil:
     """Advance `chain` through one smooth piece: to time `until` (s) or to the first event; return the status."""
     cdef Work *work = run.work
-    cdef Piece now
+    cdef Piece piece
     cdef Events[2] both
     cdef Events *start = &both[0]
     cdef Events *end = &both[1]
@@ -23,10 +23,10 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
     cdef bint undetected = not flying and isinf(chain.detection)
     cdef double taken, peak = 0.0, top = 0.0, h = FIRST_FLIGHT if flying else chain.memory.step
     run.contact.damping = chain.damping
-    begin_piece(run, chain, acceleration, until, flying, &now)
-    load(&now, chain, work.x)
-    rates(&now, work.x, work.rate)
-    evaluate_events(&now, work.x, work.rate, start)
+    begin_piece(run, chain, acceleration, until, flying, &piece)
+    load(&piece, chain, work.x)
+    rates(&piece, work.x, work.rate)
+    evaluate_events(&piece, work.x, work.rate, start)
     if flying and work.x[ROOT] == 0.0 and work.x[RATE] < 0.0 < work.rate[RATE]:
         h = min(h, -work.x[RATE] / work.rate[RATE])  # the step ends by about the time when the gap stops opening
     if not flying:
@@ -34,7 +34,7 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
         if undetected and start.value[FORCE] >= 0.0:
             chain.detection = chain.time
             return DETECTED
-        if now.rough and now.object_state == STUCK and work.x[ROOT] == 0.0 and start.value[SLIP] > 0.0:
+        if piece.has_friction and piece.object_state == STUCK and work.x[ROOT] == 0.0 and start.value[SLIP] > 0.0:
             return conclude(run, chain, SLIP, until)
     work.memory, work.expanded = chain.memory, False
     while True:
@@ -44,13 +44,13 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
             work.x[RATE] = NAN
         if h < 1e-300 or chain.steps > run.max_steps:
             break
-        if not good_step(&now, work, start, end, undetected, &h, &taken, &found):
+        if not good_step(&piece, work, start, end, undetected, &h, &taken, &found):
             continue
         if run.recorder.trace_rows > 0 and taken > 0.0:
-            trace_step(run, &now, chain, taken)
+            trace_step(run, &piece, chain, taken)
         if not flying:
             peak = max(max(peak, end.height[FORCE]), found.peak if found.peak_at <= taken else 0.0)
-            if now.rough and now.object_state == SLIDING:
+            if piece.has_friction and piece.object_state == SLIDING:
                 top = max(max(top, end.height[TOP]), found.top if found.top_at <= taken else 0.0)
         memcpy(work.x, work.trial, sizeof(work.x))
         memcpy(work.rate, work.trial_rate, sizeof(work.x))
@@ -58,61 +58,63 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
         start, end = end, start
         if found.event != NOTHING:
             break
-    if now.rough and not flying:
-        add_ground_impulse(&now, run, chain, work.x)
-    store(&now, chain, work.x, chain)
+    if piece.has_friction and not flying:
+        add_ground_impulse(&piece, run, chain, work.x)
+    store(&piece, chain, work.x, chain)
     chain.memory = work.memory
     chain.memory.step = h
     if not flying:
-        chain.contact_peak_force = max(chain.contact_peak_force, peak * now.units.force)
+        chain.contact_peak_force = max(chain.contact_peak_force, peak * piece.units.force)
         chain.peak_force = max(chain.peak_force, chain.contact_peak_force)
-        chain.unread_force = max(chain.unread_force, peak * now.units.force)
-        chain.peak_object_velocity = max(chain.peak_object_velocity, top * now.units.velocity)
+        chain.unread_force = max(chain.unread_force, peak * piece.units.force)
+        chain.peak_object_velocity = max(chain.peak_object_velocity, top * piece.units.velocity)
     if not isfinite(chain.penetration_rate + chain.deflection_rate):
         return NOT_FINITE
     return conclude(run, chain, found.event, until)
 
 
-cdef void add_ground_impulse(const Piece *now, const Run *run, Chain *chain, const double *x) noexcept nogil:
+cdef void add_ground_impulse(const Piece *piece, const Run *run, Chain *chain, const double *x) noexcept nogil:
     """Add the ground's impulse: if the object sticks, the contact force's impulse, else mu m_p g times the duration."""
-    if now.object_state == STUCK:
-        chain.ground_impulse += x[IMPULSE] * now.units.force * now.units.time
+    if piece.object_state == STUCK:
+        chain.ground_impulse += x[IMPULSE] * piece.units.force * piece.units.time
     else:
-        chain.ground_impulse += run.object_mass * run.ground * x[TIME] * now.units.time
+        chain.ground_impulse += run.object_mass * run.ground * x[TIME] * piece.units.time
 
 
 cdef void come_to_rest(Chain *chain) noexcept nogil:
+    """Let the object stick to the ground from now on."""
     chain.object_state, chain.object_rest_time = STUCK, chain.time
     chain.penetration_rate = tool_velocity(chain)
 
 
 cdef bint good_step(
-    const Piece *now, Work *work, const Events *start, Events *end, bint undetected, double *h, double *taken, Finding *found
+    const Piece *piece, Work *work, const Events *start, Events *end, bint undetected, double *h, double *taken,
+    Finding *found
 ) noexcept nogil:
     """Try a step of `h`, or less if an event ends it. Return whether to accept the step; set `h` for the next one."""
     cdef double error, factor, tried, left = INFINITY, most = INFINITY
-    if now.flying:
-        left = now.horizon - work.x[TIME]
+    if piece.flying:
+        left = piece.horizon - work.x[TIME]
         if h[0] > LARGEST_STEP:
-            h[0] = longest_blind_step(now, work.x, min(h[0], left), LARGEST_STEP)
-    elif now.rough and work.x[ROOT] > 0.0 and now.horizon > work.x[TIME]:
-        most = OVERSHOOT * (now.horizon - work.x[TIME]) / work.x[ROOT]
-    choose_method(now, work, h)
+            h[0] = longest_blind_step(piece, work.x, min(h[0], left), LARGEST_STEP)
+    elif piece.has_friction and work.x[ROOT] > 0.0 and piece.horizon > work.x[TIME]:
+        most = OVERSHOOT * (piece.horizon - work.x[TIME]) / work.x[ROOT]
+    choose_method(piece, work, h)
     taken[0] = tried = min(min(h[0], left), most)
-    error = attempt(now, work, tried)
-    factor = judge(now, work, tried, &error)
+    error = attempt(piece, work, tried)
+    factor = judge(piece, work, tried, &error)
     if error > 1.0:
         h[0] = factor * tried
         return False
-    evaluate_events(now, work.trial, work.trial_rate, end)
-    found[0] = search(now, work, tried, start, end, undetected)
+    evaluate_events(piece, work.trial, work.trial_rate, end)
+    found[0] = search(piece, work, tried, start, end, undetected)
     if found.event == SHORTER:
-        h[0] = found.share * tried
+        h[0] = found.fraction * tried
         return False
     if found.event != NOTHING:
-        taken[0] = land_on_first(now, work, tried, start, end, undetected, found, &error)
+        taken[0] = step_onto_first(piece, work, tried, start, end, undetected, found, &error)
         if found.event == SHORTER:
-            h[0] = found.share * taken[0]
+            h[0] = found.fraction * taken[0]
             return False
         if error > 1.0:  # a shorter step can have a larger error
             h[0] = taken[0] * step_factor(work, error)
@@ -123,28 +125,30 @@ cdef bint good_step(
     return True
 
 
-cdef double land_on_first(
-    const Piece *now, Work *work, double tried, const Events *start, Events *end, bint undetected, Finding *found, double *error
+cdef double step_onto_first(
+    const Piece *piece, Work *work, double tried, const Events *start, Events *end, bint undetected, Finding *found,
+    double *error
 ) noexcept nogil:
     """Take a step that ends on the first event; return the step's length. `found.event` is SHORTER if that failed."""
     cdef int other
     cdef double taken = tried
     for _ in range(EVENTS_IN_TURN):
-        taken = land(now, work, found, taken, error)
-        evaluate_events(now, work.trial, work.trial_rate, end)
-        other = before_landing(now, end, found.event, undetected)
+        taken = step_onto_event(piece, work, found, taken, error)
+        evaluate_events(piece, work.trial, work.trial_rate, end)
+        other = earlier_event(piece, end, found.event, undetected)
         if other == NOTHING:
             return taken
         if starts_on(other, taken, start, end.value[other]):
-            found.event, found.share = SHORTER, 0.5
+            found.event, found.fraction = SHORTER, 0.5
             return taken
         found.event, found.within = other, 1.0
-        found.share = crossing_share(now, work, taken, other, start, end, 1.0)
-    found.event, found.share = SHORTER, 0.5  # the events are too close together, so their order is unknown
+        found.fraction = crossing_fraction(piece, work, taken, other, start, end, 1.0)
+    found.event, found.fraction = SHORTER, 0.5  # the events are too close together, so their order is unknown
     return taken
 
 
 cdef int conclude(Run *run, Chain *chain, int event, double until) noexcept nogil:
+    """Change the discrete state of `chain` at the `event` that ends a piece; return the status."""
     if event == NOTHING:
         return STEP_LIMIT
     if event == CLOCK:
@@ -157,7 +161,7 @@ cdef int conclude(Run *run, Chain *chain, int event, double until) noexcept nogi
         chain.detection = chain.time
         return DETECTED
     if event == CLAMP:
-        chain.holding = 1 - chain.holding
+        chain.force_active = 1 - chain.force_active
     elif event == SLIP:
         chain.object_state = SLIDING
     elif event == REST:
@@ -172,23 +176,23 @@ cdef int conclude(Run *run, Chain *chain, int event, double until) noexcept nogi
     return SWITCHED
 
 
-cdef void trace_step(Run *run, const Piece *now, Chain *chain, double taken) noexcept nogil:
+cdef void trace_step(Run *run, const Piece *piece, Chain *chain, double taken) noexcept nogil:
     """Record trace points of the accepted step. A shorter step from the same start computes each point inside."""
     cdef Chain ghost = chain[0]
     cdef Events events
     cdef int64_t point, points = TRACE_POINTS
     if run.work.method == SERIES:  # series steps are longer
         points = 3 * TRACE_POINTS // 2
-    if now.flying:
-        points = <int64_t> ceil(taken * now.units.time / run.recorder.interval)
+    if piece.flying:
+        points = <int64_t> ceil(taken * piece.units.time / run.recorder.interval)
     for point in range(1, points + 1):
         if point < points:
-            probe_exactly(now, run.work, taken, <double> point / points)
+            probe_exactly(piece, run.work, taken, <double> point / points)
         else:
             memcpy(run.work.probe, run.work.trial, sizeof(run.work.probe))
             memcpy(run.work.probe_rate, run.work.trial_rate, sizeof(run.work.probe))
-        store(now, chain, run.work.probe, &ghost)
+        store(piece, chain, run.work.probe, &ghost)
         events.height[FORCE] = 0.0
-        if not now.flying:
-            evaluate_events(now, run.work.probe, run.work.probe_rate, &events)
-        trace(run, chain, &ghost, now.acceleration, max(events.height[FORCE], 0.0) * now.units.force)
+        if not piece.flying:
+            evaluate_events(piece, run.work.probe, run.work.probe_rate, &events)
+        trace(run, chain, &ghost, piece.acceleration, max(events.height[FORCE], 0.0) * piece.units.force)

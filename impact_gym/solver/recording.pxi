@@ -4,7 +4,7 @@ empty, no trace point is computed."""
 
 cdef void close_contact(const Run *run, Chain *chain, double end) noexcept nogil:
     """Add the present contact to the totals of `chain` and to the contact log. `end` (s): nan if unfinished."""
-    cdef double impulse = coupling_impulse(run.law, chain)
+    cdef double impulse = coupling_impulse(run, chain)
     cdef double given = run.object_mass * (object_velocity(chain) - chain.start_object_velocity)
     cdef double residual = tool_momentum(run, chain) + given - impulse  # N s, of the momentum balance (paper, eq. 20)
     if run.ground > 0.0:
@@ -14,15 +14,8 @@ cdef void close_contact(const Run *run, Chain *chain, double end) noexcept nogil
     chain.coupling_impulse += impulse
     if chain.logged < run.recorder.contact_rows:
         run.recorder.contacts[chain.logged] = ContactRow(
-            chain.start,
-            end,
-            chain.approach_velocity,
-            -chain.penetration_rate,
-            chain.contact_peak_force,
-            chain.impulse,
-            object_velocity(chain),
-            impulse,
-            error,
+            chain.start, end, chain.approach_velocity, -chain.penetration_rate, chain.contact_peak_force,
+            chain.impulse, object_velocity(chain), impulse, error,
         )
     chain.logged += 1
 
@@ -35,8 +28,8 @@ cdef void trace(const Run *run, Chain *counter, const Chain *chain, double accel
     if counter.traced < run.recorder.trace_rows:
         row = &run.recorder.trace[counter.traced]
         row.time = chain.time
-        row.flange_position = flange_position(run.law, chain)
-        row.flange_velocity = flange_velocity(run.law, chain)
+        row.flange_position = flange_position(run.model, chain)
+        row.flange_velocity = flange_velocity(run.model, chain)
         row.tool_position = tool_position(chain)
         row.tool_velocity = tool_velocity(chain)
         row.object_position = row.tool_position - chain.penetration
@@ -49,7 +42,7 @@ cdef void trace(const Run *run, Chain *counter, const Chain *chain, double accel
 
 
 cdef void trace_flight(const Run *run, Chain *chain, double acceleration, double duration) noexcept nogil:
-    """Record trace points of the next `duration` (s) of a RIGID or SPRING flight, at most `interval` apart."""
+    """Record trace points of the next `duration` (s) of a rigid or spring chain's flight, at most `interval` apart."""
     cdef Chain ghost
     cdef int64_t point, points
     if run.recorder.trace_rows == 0:

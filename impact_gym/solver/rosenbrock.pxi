@@ -42,13 +42,13 @@ STIFF_C[7][:7] = [
 ]
 
 
-cdef double stiff_step(const Piece *now, Work *work, double h) noexcept nogil:
+cdef double stiff_step(const Piece *piece, Work *work, double h) noexcept nogil:
     """Try a step of `h` from `work.x` into `work.trial`; return (error estimate of order 4) / (allowed error)."""
-    cdef int stage, earlier, i, n = now.width
+    cdef int stage, earlier, i, n = piece.width
     cdef double total = 0.0, a, c, size
     cdef double[WIDTH] right
     cdef double *k
-    jacobian(now, work.x, work.matrix)
+    jacobian(piece, work.x, work.matrix)
     for i in range(n):
         for earlier in range(n):
             work.matrix[i][earlier] = -work.matrix[i][earlier]
@@ -63,7 +63,7 @@ cdef double stiff_step(const Piece *now, Work *work, double h) noexcept nogil:
             for i in range(WIDTH):
                 work.trial[i] += a * work.stage[earlier][i]
                 right[i] += c * work.stage[earlier][i]
-        rates(now, work.trial, work.trial_rate)
+        rates(piece, work.trial, work.trial_rate)
         memset(k, 0, sizeof(right))
         for earlier in range(n):
             c = right[earlier] + work.trial_rate[earlier]
@@ -71,17 +71,20 @@ cdef double stiff_step(const Piece *now, Work *work, double h) noexcept nogil:
                 k[i] += work.matrix[earlier][i] * c
     for i in range(n):
         work.trial[i] += k[i]
-        size = k[i] / (now.tolerance * max(max(fabs(work.x[i]), fabs(work.trial[i])), 1.0))
+        size = k[i] / (piece.tolerance * max(max(fabs(work.x[i]), fabs(work.trial[i])), 1.0))
         total += size * size
-    rates(now, work.trial, work.trial_rate)
+    rates(piece, work.trial, work.trial_rate)
     return sqrt(total / n) if isfinite(total) else INFINITY
 
 
 cdef void invert(int n, double[WIDTH] *matrix) noexcept nogil:
-    """Replace the first `n` rows and columns of `matrix` by their inverse, transposed (Gauss-Jordan, with pivots)."""
+    """Replace the first `n` rows of `matrix` by the transposed inverse of its first `n` rows and columns, and by zeros.
+
+    The method is that of Gauss and Jordan, with pivots.
+    """
     cdef double[WIDTH][WIDTH] inverse
     cdef int k, row, column, pivot
-    cdef double share
+    cdef double factor
     memset(inverse, 0, sizeof(inverse))
     for k in range(n):
         inverse[k][k] = 1.0
@@ -90,19 +93,19 @@ cdef void invert(int n, double[WIDTH] *matrix) noexcept nogil:
         for row in range(k + 1, n):
             if fabs(matrix[row][k]) > fabs(matrix[pivot][k]):
                 pivot = row
-        share = 1.0 / matrix[pivot][k]
+        factor = 1.0 / matrix[pivot][k]
         for column in range(WIDTH):
             matrix[k][column], matrix[pivot][column] = matrix[pivot][column], matrix[k][column]
             inverse[k][column], inverse[pivot][column] = inverse[pivot][column], inverse[k][column]
         for column in range(WIDTH):
-            matrix[k][column] *= share
-            inverse[k][column] *= share
+            matrix[k][column] *= factor
+            inverse[k][column] *= factor
         for row in range(n):
-            share = matrix[row][k]
-            if row != k and share != 0.0:
+            factor = matrix[row][k]
+            if row != k and factor != 0.0:
                 for column in range(WIDTH):
-                    matrix[row][column] -= share * matrix[k][column]
-                    inverse[row][column] -= share * inverse[k][column]
+                    matrix[row][column] -= factor * matrix[k][column]
+                    inverse[row][column] -= factor * inverse[k][column]
     for row in range(n):
-        for column in range(n):
+        for column in range(WIDTH):
             matrix[row][column] = inverse[column][row]

@@ -1,7 +1,7 @@
 """The structures of the solver; some are also NumPy types (`kernels.pyx`). A chain is robot, coupling and tool."""
 
-cpdef enum:  # kinds of chain; RIGID: the tool has the imposed motion; SPRING: one mass on a spring and damper;
-    RIGID, SPRING, INTEGRATED  # INTEGRATED: every other chain
+cpdef enum:  # kinds of chain; rigid: the tool has the imposed motion; spring: one mass on a spring and damper;
+    RIGID_CHAIN, SPRING_CHAIN, INTEGRATED_CHAIN  # integrated: every other chain, whose flights have no closed form
 
 cpdef enum:
     ARRIVED = 0  # the requested time is reached
@@ -15,8 +15,8 @@ cpdef enum:
 
 
 cpdef enum:
-    DIRECT, SPRING_DAMPER, MECHANISM  # kinds of coupling
-    STIFF_ROBOT, LUMPED, TABLE_OF_POSITION  # kinds of robot
+    RIGID, SPRING_DAMPER, BISTABLE  # kinds of coupling
+    RIGID_ROBOT, ROBOT, ROBOT_TABLE  # kinds of robot: none (rigid), `Robot`, `RobotTable`
 
 
 cpdef enum:
@@ -27,9 +27,9 @@ cdef struct Mount:  # tool mass, coupling and robot, as a user describes them
     int64_t coupling_kind, robot_kind
     double tool_mass  # kg
     CouplingNumbers coupling  # numbers that a coupling of this kind does not have are 0
-    RobotNumbers robot  # only of a LUMPED robot
-    int64_t table, intervals  # of a TABLE_OF_POSITION robot, as in `Law`
-    double stiffest  # as in `Law`
+    RobotNumbers robot  # only of a ROBOT
+    int64_t table, intervals  # of a ROBOT_TABLE, as in `ChainModel`
+    double stiffest  # as in `ChainModel`
 
 
 cdef struct Interval:  # a table of the robot's parameters with one interval, see `robot.pxi`
@@ -37,20 +37,19 @@ cdef struct Interval:  # a table of the robot's parameters with one interval, se
     double[4] mass, stiffness, damping  # SI units, coefficients for the powers 0 to 3 of (position - `begin`)
 
 
-cdef struct Law:  # the simplest chain that is equivalent to a mount
-    int64_t kind  # RIGID, SPRING or INTEGRATED
-    double tool_mass  # kg, mass of the tool; in a SPRING chain with a LUMPED robot, mass of robot and tool
-    double frequency  # rad/s, undamped angular frequency of a SPRING chain
-    double damping_ratio  # -, of a SPRING chain
-    int64_t coupled  # only in an INTEGRATED chain; 1: the coupling is elastic; 0: tool and flange are one mass
-    int64_t with_tool  # 1: the robot is compliant and the coupling is DIRECT, so the flange moves with the tool
+cdef struct ChainModel:  # the simplest chain that is equivalent to a mount
+    int64_t kind  # RIGID_CHAIN, SPRING_CHAIN or INTEGRATED_CHAIN
+    double tool_mass  # kg, mass of the tool; in a spring chain with a ROBOT, mass of robot and tool
+    double frequency  # rad/s, undamped angular frequency of a spring chain
+    double damping_ratio  # -, of a spring chain
+    int64_t coupled  # 0: in an integrated chain, tool and flange of a compliant robot are one mass; else 1
+    int64_t with_tool  # 1: the robot is compliant and the coupling is rigid, so the flange moves with the tool
     int64_t bistable  # 1: the coupling is a bistable mechanism
     int64_t stops  # 1: the coupling has stops; then `mechanism` describes the whole coupling, linear or not
-    double stiffness  # N/m, of a SPRING_DAMPER coupling in an INTEGRATED chain
-    double damping  # N s/m, of a SPRING_DAMPER coupling in an INTEGRATED chain
+    double stiffness, damping  # N/m, N s/m, of a SPRING_DAMPER coupling, or of the robot in a spring chain; else 0
     Mechanism mechanism
     int64_t table  # index of the robot's table in `Run.tables`; -1: the table is the field `lumped`
-    int64_t intervals  # number of intervals of the table in an INTEGRATED chain; 0: the robot is rigid
+    int64_t intervals  # number of intervals of the table in an integrated chain; 0: the robot is rigid
     Interval lumped
     double stiffest  # 1/s^2, largest ratio of the robot's stiffness to its mass at any end of an interval of the table
 
@@ -58,8 +57,8 @@ cdef struct Law:  # the simplest chain that is equivalent to a mount
 cdef struct Memory:  # state of the step control in a contact or a flight, kept from step to step
     double step  # length of the next step to try in a contact, in the variable s, see `contact.pxi`
     int64_t method  # STIFF: the L-stable pair; EXPLICIT: a Taylor series or the explicit pair, see `stepper.pxi`
-    int64_t seen  # number of attempts by `method`; after `patience` EXPLICIT ones, only attempts near instability count
-    int64_t patience  # number of EXPLICIT attempts before stiffness is checked
+    int64_t attempts  # by `method`; once stiffness is checked, only EXPLICIT ones near instability count
+    int64_t attempts_before_check  # number of EXPLICIT attempts before stiffness is checked
     int64_t rejected  # 1: the error of the last explicit attempt was too large
     double log_before  # natural logarithm of estimated / allowed error in the last accepted explicit step, at least -9
 
@@ -80,7 +79,7 @@ cdef struct Chain:  # state of motion of chain and object, and results so far
 
     # the present contact
     int64_t touching  # 0 or 1
-    int64_t holding  # 0 while the contact force is kept at 0, because it would be a pull; else 1
+    int64_t force_active  # 0 while the contact force is kept at 0, because it would be a pull; else 1
     Units units  # natural units of the contact, see `contact.pxi`
     double start  # s, start of the contact; fields named start_... are values at this time
     double approach_velocity  # m/s
@@ -91,9 +90,9 @@ cdef struct Chain:  # state of motion of chain and object, and results so far
     double damping  # -, damping factor
     double impulse  # N s, of the contact force on the object, so far
     double ground_impulse  # N s, backward impulse of the ground's friction on the object
-    double deflection_integral  # m s, time integral of the deflection, in a SPRING chain
-    double pull_impulse  # N s, time integral of `Accelerations.pull`, in an INTEGRATED chain
-    double joined  # N s, momentum of robot mass that has joined the moving part, see `integrated.pxi`
+    double deflection_integral  # m s, time integral of the deflection, in analytic pieces
+    double pull_impulse  # N s, time integral of `Accelerations.pull`, in general pieces
+    double joined  # N s, momentum of robot mass that has joined the moving part, see `general.pxi`
     double contact_peak_force  # N, largest contact force so far
     Memory memory
 
@@ -102,7 +101,7 @@ cdef struct Chain:  # state of motion of chain and object, and results so far
     double first_contact  # s, start of the first contact; inf: none yet
     double detection  # s, when the contact force first exceeded `Run.threshold`; inf if not yet
     double peak_force  # N, largest force of all contacts
-    double peak_object_velocity  # m/s, so far; without friction 0, until `approach` sets it to the final velocity
+    double peak_object_velocity  # m/s, so far; without friction 0, until `run_approach` sets it to the final velocity
     double object_rest_time  # s, when the object last came to rest; 0: never
     double tool_rest_time  # s, time from which the tool counts as at rest; inf: not at rest, or no friction
     double slide  # m, with friction: distance from the object's first position to its rest, as if no contact followed
@@ -147,16 +146,16 @@ cdef struct Recorder:  # arrays for contacts, trace points and passages of the a
 
 cdef extern from "solver/taylor.h" nogil:
     enum:
-        ORDER, PLACES  # highest order of a Taylor series, number of its components
+        ORDER, COMPONENTS  # highest order of a Taylor series, number of its components
 
     ctypedef struct Polynomial:
-        double held, damping, share, ground, tool_share, push, pull_y, pull_y_dot
+        double active, damping, share, ground, tool_share, push, pull_y, pull_y_dot
 
-    void expand_polynomial(const Polynomial *law, const double *x, double[PLACES] *series)
+    void expand_polynomial(const Polynomial *given, const double *x, double[COMPONENTS] *series)
 
 
 cdef enum:
-    WIDTH = 10  # number of components of the longest scaled state, that of an INTEGRATED chain
+    WIDTH = 10  # number of components of the longest scaled state
     KEPT = 8  # largest number of stored stages: 7 of an explicit step (for its polynomial), 8 of a stiff step
 
 
@@ -168,7 +167,7 @@ cdef struct Work:  # work arrays of the integrator
     double[KEPT][WIDTH] stage
     double[7][WIDTH] dense  # polynomial through an explicit step, in the form of `on_polynomial`
     bint dense_known
-    double[ORDER + 1][PLACES] series  # Taylor coefficients of the state at `x`
+    double[ORDER + 1][COMPONENTS] series  # Taylor coefficients of the state at `x`
     bint expanded  # whether `series` is known
     double longest  # longest step for which `series` is accurate; 0: none
     double[WIDTH][WIDTH] matrix
@@ -177,7 +176,7 @@ cdef struct Work:  # work arrays of the integrator
 
 
 cdef struct Run:  # what the functions of the solver need in a run
-    const Law *law
+    const ChainModel *model
     const double *tables  # tables of robots, motions, recorded commands and delays, one after another
     Contact contact
     double object_mass  # kg
@@ -191,8 +190,9 @@ cdef struct Run:  # what the functions of the solver need in a run
 
 
 cdef inline RobotTable robot_table(const Run *run) noexcept nogil:
+    """Return the robot's table; it has no intervals if the robot is rigid or in a spring chain."""
     cdef RobotTable table
-    table.intervals = run.law.intervals
-    table.breaks = <const double *> &run.law.lumped if run.law.table < 0 else run.tables + run.law.table
+    table.intervals = run.model.intervals
+    table.breaks = <const double *> &run.model.lumped if run.model.table < 0 else run.tables + run.model.table
     table.coefficients = table.breaks + table.intervals + 1
     return table

@@ -2,12 +2,11 @@
 
 The pair has order 8 and 12 stages; the rate at the end of a step is the first stage of the next step. Coefficients,
 error estimates and dense output of order 7 are from Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I
-(1993), II.10, in SciPy's double precision. setup.py writes `dop853.pxi` with functions for each kind of chain. They
+(1993), II.10, in SciPy's double precision. setup.py writes `dop853.pxi`, for the state of `general.pxi`. Its functions
 have no loops, so a compiler can keep their local variables in registers.
 """
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
 
 from scipy.integrate import DOP853
 
@@ -29,108 +28,108 @@ LAST = 12  # index of the stage at the end of the step
 KEPT = range(5, LAST)  # stages for dense output, in addition to the first and the last
 
 
-@dataclass(frozen=True)
-class Layout:
-    """The components of a chain's scaled state."""
-
-    name: str  # first part of the names of the generated functions
-    places: str  # one letter for each component, in order
-    used: str  # the components on which the rates depend; the others are integrals
+STATE, USED = "zwtpyvsjqr", "zwtyvqr"
+"""The components of the scaled state, one letter each; those on which the rates depend. The others are integrals."""
+PARTS = {"": "zwtp", "piece.deflects": "yvs", "piece.yields": "jqr"}
+"""The components that are not 0 under a condition, by condition."""
 
 
-LAYOUTS = (
-    Layout("rigid", "zwtp", "zw"),
-    Layout("spring", "zwtpyvq", "zwyv"),
-    Layout("integrated", "zwtpyvsjqr", "zwtyvqr"),
-)
+def weighed(weights: dict[int, float], component: str) -> str:
+    """Return code for the weighted sum, over the stages, of the rates of component `component`."""
+    return " + ".join(f"{weight!r} * k{stage}.{component}" for stage, weight in weights.items())
 
 
-def weighed(weights: dict[int, float], place: str) -> str:
-    """Return code for the weighted sum, over the stages, of the rates of component `place`."""
-    return " + ".join(f"{weight!r} * k{stage}.{place}" for stage, weight in weights.items())
-
-
-def moved(stage: int, place: str, newest: bool) -> str:
+def moved(stage: int, component: str, newest: bool) -> str:
     """Return code that computes a component at a stage. If `newest`, the code adds the previous stage's rate last."""
     *earlier, last = A[stage].items()
     if not newest:
-        return f"{place}{stage} = {place}0 + h * ({weighed(A[stage], place)})"
-    start = f"({place}0 + h * ({weighed(dict(earlier), place)}))" if earlier else f"{place}0"
-    return f"{place}{stage} = {start} + h{stage} * k{last[0]}.{place}"
+        return f"{component}{stage} = {component}0 + h * ({weighed(A[stage], component)})"
+    start = f"({component}0 + h * ({weighed(dict(earlier), component)}))" if earlier else f"{component}0"
+    return f"{component}{stage} = {start} + h{stage} * k{last[0]}.{component}"
 
 
-def stage_lines(layout: Layout, stage: int) -> list[str]:
+def by_part(lines: Callable[[str], list[str]], among: str = STATE) -> list[str]:
+    """Return the `lines` of each component in `among`, under the condition of its part."""
+    code = []
+    for condition, components in PARTS.items():
+        body = [line for component in components if component in among for line in lines(component)]
+        code += [f"if {condition}:", *(f"    {line}" for line in body)] if condition else body
+    return code
+
+
+def stage_lines(stage: int) -> list[str]:
     """Return lines of code that compute the state at a stage and its rates."""
     lines = [f"h{stage} = h * {list(A[stage].values())[-1]!r}"]
-    lines += [moved(stage, place, newest=True) for place in layout.used]
-    arguments = ", ".join(f"{place}{stage}" for place in layout.used)
-    return [*lines, f"k{stage} = {layout.name}_rates(now, {arguments})"]
+    lines += by_part(lambda component: [moved(stage, component, newest=True)], USED)
+    return [*lines, f"k{stage} = general_rates(piece, {', '.join(f'{component}{stage}' for component in USED)})"]
 
 
-def header(layout: Layout, name: str, stages: range, given: dict[int, str]) -> list[str]:
-    """Return the first lines of a function: declarations, the state `work.x`, and copies of the rates in `given`."""
-    kind = f"{layout.name.title()}Rates"
+def function(name: str, stages: range, given: dict[int, str], body: list[str]) -> str:
+    """Return a function: declarations, the state `work.x`, copies of the rates in `given`, and `body`."""
+    head = [
+        f"cdef GeneralRates {', '.join(f'k{stage}' for stage in (*given, *stages))}",
+        f"cdef double {', '.join(f'{component}0 = work.x[{i}]' for i, component in enumerate(STATE))}",
+        *(f"cdef double {', '.join(f'{component}{stage} = 0.0' for component in USED)}" for stage in stages),
+        f"cdef double {', '.join(f'h{stage}' for stage in stages)}",
+        *(f"memcpy(&k{stage}, {where}, sizeof(GeneralRates))" for stage, where in given.items()),
+    ]
+    return "\n    ".join([f"cdef {name} noexcept nogil:", *head, *body])
+
+
+def error_lines(component: str) -> list[str]:
+    """Return lines of code that add a component's errors, relative to sizes above 1, to the sums of squares."""
     return [
-        f"cdef {name} noexcept nogil:",
-        f"    cdef {kind} {', '.join(f'k{stage}' for stage in (*given, *stages))}",
-        f"    cdef double {', '.join(f'{place}0 = work.x[{i}]' for i, place in enumerate(layout.places))}",
-        f"    cdef double {', '.join(f'{place}{stage}' for stage in stages for place in layout.used)}",
-        f"    cdef double {', '.join(f'h{stage}' for stage in stages)}",
-        *(f"    memcpy(&k{stage}, {where}, sizeof({kind}))" for stage, where in given.items()),
+        *(f"e{5 - 2 * i} = {weighed(weights, component)}" for i, weights in enumerate(ERROR)),
+        f"size = 1.0 / max(max(fabs({component}0), fabs({component}{LAST})), 1.0)",
+        "fifth += (e5 * size) * (e5 * size)",
+        "third += (e3 * size) * (e3 * size)",
     ]
 
 
-def step(layout: Layout) -> list[str]:
-    """Return the code of a function that steps from `work.x` to `work.trial` and returns estimated / allowed error."""
-    integrals = [place for place in layout.places if place not in layout.used]
-    lines = header(
-        layout, f"double {layout.name}_step(const Piece *now, Work *work, double h)",
-        range(1, LAST + 1), {0: "work.rate"},
-    )  # fmt: skip
+def step() -> str:
+    """Return a function that steps from `work.x` to `work.trial` and returns estimated / allowed error."""
+    integrals = "".join(component for component in STATE if component not in USED)
     body = ["cdef double e5, e3, size, fifth = 0.0, third = 0.0"]
-    if integrals:
-        body.append(f"cdef double {', '.join(f'{place}{LAST}' for place in integrals)}")
+    body.append(f"cdef double {', '.join(f'{component}{LAST} = 0.0' for component in integrals)}")
     for stage in range(1, LAST + 1):
-        body += stage_lines(layout, stage)
-    body += [moved(LAST, place, newest=False) for place in integrals]
-    for place in layout.places:
-        body += [f"e{5 - 2 * i} = {weighed(weights, place)}" for i, weights in enumerate(ERROR)]
-        body.append(f"size = 1.0 / max(max(fabs({place}0), fabs({place}{LAST})), 1.0)")
-        body.append("fifth += (e5 * size) * (e5 * size)")
-        body.append("third += (e3 * size) * (e3 * size)")
-    body += [f"work.trial[{i}] = {place}{LAST}" for i, place in enumerate(layout.places)]
-    body += [f"work.late[{layout.places.index(place)}] = {place}{LAST - 1}" for place in layout.used]
+        body += stage_lines(stage)
+    body += by_part(lambda component: [moved(LAST, component, newest=False)], integrals)
+    body += by_part(error_lines)
+    body += [f"work.trial[{i}] = {component}{LAST}" for i, component in enumerate(STATE)]
+    body += [f"work.late[{STATE.index(component)}] = {component}{LAST - 1}" for component in USED]
     body += [f"memcpy(work.stage[{i}], &k{stage}, sizeof(k{stage}))" for i, stage in enumerate(KEPT)]
     body += [f"memcpy(work.trial_rate, &k{LAST}, sizeof(k{LAST}))", "if not isfinite(fifth + third):"]
     body += ["    return INFINITY", "if fifth == 0.0:", "    return 0.0"]
-    body.append(f"return h * fifth / (now.tolerance * sqrt((fifth + 0.01 * third) * {len(layout.places)}.0))")
-    return lines + ["    " + line for line in body]
+    body.append("return h * fifth / (piece.tolerance * sqrt((fifth + 0.01 * third) * piece.width))")
+    name = "double explicit_step(const Piece *piece, Work *work, double h)"
+    return function(name, range(1, LAST + 1), {0: "work.rate"}, body)
 
 
-def dense(layout: Layout) -> list[str]:
-    """Return the code of a function that computes the upper coefficients of the polynomial through the last step."""
+def dense_lines(component: str) -> list[str]:
+    """Return lines of code that compute the upper coefficients of a component."""
+    i = STATE.index(component)
+    return [f"work.dense[{3 + k}][{i}] = h * ({weighed(weights, component)})" for k, weights in enumerate(DENSE)]
+
+
+def dense() -> str:
+    """Return a function that computes the upper coefficients of the polynomial through the last step."""
     given = {0: "work.rate", **{stage: f"work.stage[{i}]" for i, stage in enumerate(KEPT)}, LAST: "work.trial_rate"}
     stages = range(LAST + 1, len(A))
-    lines = header(layout, f"void {layout.name}_dense(const Piece *now, Work *work, double h)", stages, given)
-    body = [line for stage in stages for line in stage_lines(layout, stage)]
-    for i, weights in enumerate(DENSE):
-        body += [f"work.dense[{3 + i}][{j}] = h * ({weighed(weights, place)})" for j, place in enumerate(layout.places)]
-    return lines + ["    " + line for line in body]
+    body = [line for stage in stages for line in stage_lines(stage)]
+    body += ["memset(work.dense, 0, sizeof(work.dense))", *by_part(dense_lines)]
+    return function("void dense_output(const Piece *piece, Work *work, double h)", stages, given, body)
 
 
-def eigenvalue(layout: Layout) -> list[str]:
-    """Return the code of a function that estimates the largest eigenvalue from the last two stages (`stepper.pxi`)."""
-    lines = [f"cdef double {layout.name}_eigenvalue(const Work *work) noexcept nogil:"]
-    body = ["cdef double apart, rates = 0.0, states = 0.0"]
-    for place in layout.used:
-        i = layout.places.index(place)
+def eigenvalue() -> str:
+    """Return a function that estimates the largest eigenvalue from the last two stages (`stepper.pxi`)."""
+    body = ["cdef double explicit_eigenvalue(const Work *work) noexcept nogil:"]
+    body += ["cdef double apart, rates = 0.0, states = 0.0"]
+    for i in (STATE.index(component) for component in USED):
         body += [f"apart = work.trial_rate[{i}] - work.stage[{len(KEPT) - 1}][{i}]", "rates += apart * apart"]
         body += [f"apart = work.trial[{i}] - work.late[{i}]", "states += apart * apart"]
-    body.append("return sqrt(rates / states) if states > 0.0 else 0.0")
-    return lines + ["    " + line for line in body]
+    return "\n    ".join([*body, "return sqrt(rates / states) if states > 0.0 else 0.0"])
 
 
 def text() -> str:
     """Return the text of `dop853.pxi`."""
-    parts = [NOTICE, *("\n".join(write(layout)) for layout in LAYOUTS for write in (step, dense, eigenvalue))]
-    return "\n\n\n".join(parts) + "\n"
+    return "\n\n\n".join([NOTICE, step(), dense(), eigenvalue()]) + "\n"

@@ -14,28 +14,28 @@ typedef double Stored __attribute__((vector_size(16), aligned(8), may_alias));
 
 enum {
     ORDER = 12, /* highest order of the series */
-    PLACES = 8 /* number of components: z, w, time, impulse, y, v, integral of y, and one that stays zero */
+    COMPONENTS = 8 /* number of components: z, w, time, impulse, y, v, integral of y, and one that stays zero */
 };
 
 typedef struct {
-    double held, damping; /* ' is d/ds; impulse' = z^4 (held + damping w) */
+    double active, damping; /* ' is d/ds; impulse' = z^4 (active + damping w) */
     double share, ground; /* w' = pull + ground z - share impulse' */
     double tool_share, push; /* v' = pull - push z - tool_share impulse' */
     double pull_y, pull_y_dot; /* pull = z (pull_y y + pull_y_dot v) */
 } Polynomial;
 
-static void expand_polynomial(const Polynomial *law, const double *x, double (*series)[PLACES])
+static void expand_polynomial(const Polynomial *given, const double *x, double (*series)[COMPONENTS])
 {
-    const Polynomial now = *law;
+    const Polynomial equations = *given;
     const double twice_z = 2.0 * x[0], twice_a = twice_z * x[0];
-    const double grip = now.held + now.damping * x[1];
+    const double stiffening = equations.active + equations.damping * x[1];
     Pair zw[ORDER + 1], yv[ORDER + 1]; /* pairs of coefficients: z and w, y and v */
     Pair zz[ORDER], zb[ORDER]; /* pairs of coefficients: z and z, z and b = z^4 */
     double a[ORDER]; /* coefficients of z^2 */
     zw[0] = (Pair){x[0], x[1]};
     yv[0] = (Pair){x[4], x[5]};
-    for (int place = 0; place < PLACES; place++)
-        series[0][place] = place < PLACES - 1 ? x[place] : 0.0;
+    for (int i = 0; i < COMPONENTS; i++)
+        series[0][i] = i < COMPONENTS - 1 ? x[i] : 0.0;
 #pragma GCC unroll 16
     for (int k = 0; k < ORDER; k++) {
         const double part = 1.0 / (k + 1), z = zw[k][0], w = zw[k][1];
@@ -58,7 +58,7 @@ static void expand_polynomial(const Polynomial *law, const double *x, double (*s
             a[0] = z * z;
             b = a[0] * a[0];
             of_z = zz[0] * yv[0];
-            impulse = grip * b;
+            impulse = stiffening * b;
         } else {
             a[k] = of_b[0] + twice_z * z;
             of_a *= 2.0;
@@ -66,12 +66,12 @@ static void expand_polynomial(const Polynomial *law, const double *x, double (*s
                 of_a += a[k / 2] * a[k / 2];
             b = of_a + twice_a * a[k];
             of_z = (of_z + zz[k] * yv[0]) + zz[0] * yv[k];
-            impulse = (now.damping * of_b[1] + grip * b) + (now.damping * zb[0][1]) * w;
+            impulse = (equations.damping * of_b[1] + stiffening * b) + (equations.damping * zb[0][1]) * w;
         }
         zb[k] = (Pair){z, b};
-        pull = now.pull_y * of_z[0] + now.pull_y_dot * of_z[1];
-        zw[k + 1] = (Pair){0.5 * part * w, part * (pull + now.ground * z) - part * now.share * impulse};
-        yv[k + 1] = (Pair){part * of_z[1], part * (pull - now.push * z) - part * now.tool_share * impulse};
+        pull = equations.pull_y * of_z[0] + equations.pull_y_dot * of_z[1];
+        zw[k + 1] = (Pair){0.5 * part * w, part * (pull + equations.ground * z) - part * equations.share * impulse};
+        yv[k + 1] = (Pair){part * of_z[1], part * (pull - equations.push * z) - part * equations.tool_share * impulse};
         *(Stored *) &series[k + 1][0] = zw[k + 1];
         *(Stored *) &series[k + 1][2] = (Pair){part * z, part * impulse};
         *(Stored *) &series[k + 1][4] = yv[k + 1];

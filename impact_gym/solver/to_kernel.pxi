@@ -1,7 +1,7 @@
-"""Convert a mount (tool, coupling and robot as a user describes them) to the simplest equivalent chain (`Law`)."""
+"""Convert a mount (tool, coupling and robot as a user describes them) to a `ChainModel`, the simplest equivalent."""
 
 cdef double STANDARD_GRAVITY = 9.80665  # m/s^2
-cdef double EVERYWHERE = 1e9  # m, half the length of the one interval in the table of a LUMPED robot
+cdef double EVERYWHERE = 1e9  # m, half the length of the one interval in the table of a ROBOT
 
 
 cpdef double rest_of(
@@ -18,50 +18,59 @@ cpdef double rest_of(
         depth = lower
 
 
-cdef void law_to_kernel(const Mount *mount, Law *law) noexcept nogil:
+cdef void model_to_kernel(const Mount *mount, ChainModel *model) noexcept nogil:
+    """Write the simplest chain that is equivalent to `mount` into `model`."""
     cdef const RobotNumbers *robot = &mount.robot
-    memset(law, 0, sizeof(Law))
-    law.tool_mass = mount.tool_mass
-    law.with_tool = mount.robot_kind != STIFF_ROBOT and mount.coupling_kind == DIRECT
-    if mount.robot_kind == STIFF_ROBOT and mount.coupling_kind == DIRECT:
-        law.kind = RIGID
-    elif mount.robot_kind == STIFF_ROBOT and mount.coupling_kind == SPRING_DAMPER and mount.coupling.stroke == 0.0:
-        law.kind, law.damping_ratio = SPRING, mount.coupling.damping_ratio
-        law.frequency = sqrt(mount.coupling.stiffness / mount.tool_mass)
-    elif mount.robot_kind == LUMPED and mount.coupling_kind == DIRECT:
-        law.kind, law.tool_mass = SPRING, robot.mass + mount.tool_mass
-        law.frequency = sqrt(robot.stiffness / law.tool_mass)
-        law.damping_ratio = 0.5 * robot.damping / sqrt(robot.stiffness * law.tool_mass)
+    memset(model, 0, sizeof(ChainModel))
+    model.tool_mass = mount.tool_mass
+    model.coupled = 1
+    model.with_tool = mount.robot_kind != RIGID_ROBOT and mount.coupling_kind == RIGID
+    if mount.robot_kind == RIGID_ROBOT and mount.coupling_kind == RIGID:
+        model.kind = RIGID_CHAIN
+    elif mount.robot_kind == RIGID_ROBOT and mount.coupling_kind == SPRING_DAMPER and mount.coupling.stroke == 0.0:
+        model.kind, model.damping_ratio = SPRING_CHAIN, mount.coupling.damping_ratio
+        model.stiffness = mount.coupling.stiffness
+        model.damping = 2.0 * model.damping_ratio * sqrt(model.stiffness * model.tool_mass)
+        model.frequency = sqrt(mount.coupling.stiffness / mount.tool_mass)
+    elif mount.robot_kind == ROBOT and mount.coupling_kind == RIGID:
+        model.kind, model.tool_mass = SPRING_CHAIN, robot.mass + mount.tool_mass
+        model.stiffness, model.damping = robot.stiffness, robot.damping
+        model.frequency = sqrt(robot.stiffness / model.tool_mass)
+        model.damping_ratio = 0.5 * robot.damping / sqrt(robot.stiffness * model.tool_mass)
     else:
-        law.kind = INTEGRATED
-        coupling_to_kernel(mount, law)
-        robot_to_kernel(mount, law)
+        model.kind = INTEGRATED_CHAIN
+        coupling_to_kernel(mount, model)
+        robot_to_kernel(mount, model)
 
 
-cdef void coupling_to_kernel(const Mount *mount, Law *law) noexcept nogil:
+cdef void coupling_to_kernel(const Mount *mount, ChainModel *model) noexcept nogil:
+    """Set the coupling of an integrated chain."""
     cdef const CouplingNumbers *given = &mount.coupling
     cdef double m = mount.tool_mass, stop_damping = 2.0 * given.stop_damping_ratio * sqrt(given.stop_stiffness * m)
-    law.coupled, law.bistable = mount.coupling_kind != DIRECT, mount.coupling_kind == MECHANISM
+    model.coupled, model.bistable = mount.coupling_kind != RIGID, mount.coupling_kind == BISTABLE
     if mount.coupling_kind == SPRING_DAMPER:
-        law.stiffness, law.damping = given.stiffness, 2.0 * given.damping_ratio * sqrt(given.stiffness * m)
-        law.stops = given.stroke > 0.0
-        law.mechanism = Mechanism(
-            given.stiffness, 0.0, 0.0, 0.0, given.stroke, -given.stroke, given.stop_stiffness, stop_damping, 1, law.damping
+        model.stiffness, model.damping = given.stiffness, 2.0 * given.damping_ratio * sqrt(given.stiffness * m)
+        model.stops = given.stroke > 0.0
+        model.mechanism = Mechanism(
+            given.stiffness, 0.0, 0.0, 0.0, given.stroke, -given.stroke, given.stop_stiffness, stop_damping,
+            1, model.damping,
         )
-    elif law.bistable:
-        law.stops = 1
-        law.mechanism = Mechanism(
+    elif model.bistable:
+        model.stops = 1
+        model.mechanism = Mechanism(
             given.stiffness, given.free_length, given.height,
             rest_of(given.stiffness, given.free_length, given.height, given.front_stop, given.stop_stiffness),
             given.front_stop, given.rear_stop, given.stop_stiffness, stop_damping, 0, 0.0,
         )
 
 
-cdef void robot_to_kernel(const Mount *mount, Law *law) noexcept nogil:
+cdef void robot_to_kernel(const Mount *mount, ChainModel *model) noexcept nogil:
+    """Set the robot's table in an integrated chain."""
     cdef const RobotNumbers *robot = &mount.robot
-    if mount.robot_kind == LUMPED:
-        law.table, law.intervals, law.stiffest = -1, 1, robot.stiffness / robot.mass
-        law.lumped.begin, law.lumped.end = -EVERYWHERE, EVERYWHERE
-        law.lumped.mass[0], law.lumped.stiffness[0], law.lumped.damping[0] = robot.mass, robot.stiffness, robot.damping
-    elif mount.robot_kind == TABLE_OF_POSITION:
-        law.table, law.intervals, law.stiffest = mount.table, mount.intervals, mount.stiffest
+    if mount.robot_kind == ROBOT:
+        model.table, model.intervals, model.stiffest = -1, 1, robot.stiffness / robot.mass
+        model.lumped.begin, model.lumped.end = -EVERYWHERE, EVERYWHERE
+        model.lumped.mass[0], model.lumped.stiffness[0] = robot.mass, robot.stiffness
+        model.lumped.damping[0] = robot.damping
+    elif mount.robot_kind == ROBOT_TABLE:
+        model.table, model.intervals, model.stiffest = mount.table, mount.intervals, mount.stiffest

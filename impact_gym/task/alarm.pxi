@@ -14,6 +14,7 @@ cdef inline double alarm_time(const Row *row) noexcept nogil:
 
 
 cdef inline void raise_alarm(Episode *episode, double time) noexcept nogil:
+    """Raise the alarm at `time` (s), unless it is raised already."""
     episode.alarm = episode.last_alarm = min(episode.alarm, time)
 
 

@@ -49,7 +49,7 @@ cdef Record draw_record(
     for k in range(task.first_draw, task.last_draw):
         drawn = &draws[k]
         uniform = uniforms[drawn.source] if drawn.source >= 0 else hashed(seed, drawn.source)
-        number[drawn.place] = drawn_or(given[drawn.place], draw(drawn.low, drawn.high, drawn.by_ratio, uniform))
+        number[drawn.index] = drawn_or(given[drawn.index], draw(drawn.low, drawn.high, drawn.by_ratio, uniform))
     record.distance_estimate = drawn_or(
         fixed.distance_estimate,
         record.distance + record.range_bias + record.range_noise * normal(&uniforms[DISTANCE_ESTIMATE_UNIFORM]),

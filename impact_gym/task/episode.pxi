@@ -2,10 +2,12 @@
 
 
 cpdef int64_t readings_in_transit(double reaction_delay, double control_period) noexcept nogil:
+    """Return how many readings are under way to the controller at a time."""
     return <int64_t> floor(reaction_delay / control_period + 1e-9)
 
 
-cdef void begin_episode(Row *row, const Law *law, Record drawn) noexcept nogil:
+cdef void begin_episode(Row *row, const ChainModel *model, Record drawn) noexcept nogil:
+    """Reset a row with the numbers `drawn`, and write the first observation."""
     cdef Episode *episode = row.episode
     cdef double period = row.task.control_period, delay = drawn.reaction_delay, damping
     cdef int64_t k
@@ -15,13 +17,13 @@ cdef void begin_episode(Row *row, const Law *law, Record drawn) noexcept nogil:
     damping = exact_damping(drawn.restitution) if row.task.exact else hu_guo(drawn.restitution)
     episode.contact = contact_of(drawn.contact_stiffness, damping, 1.5, 1.5, row.task.reference_velocity)
     episode.alarm = episode.last_alarm = INFINITY
-    episode.pushed = readings_in_transit(delay, period)
-    for k in range(episode.pushed):
+    episode.readings_taken = readings_in_transit(delay, period)
+    for k in range(episode.readings_taken):
         row.readings[k].time = (k + 1) * period - delay
-    episode.next_sample = (episode.pushed + 1) * period - delay
+    episode.next_sample = (episode.readings_taken + 1) * period - delay
     episode.approach_time = row.task.horizon
     episode.slide = episode.rest_time = INFINITY
-    reset_chain(row.chain, law, drawn.distance, drawn.friction)
+    reset_chain(row.chain, model, drawn.distance, drawn.friction)
     if row.task.range_sensor:
         begin_range(row)
     if row.task.operator_kind:
@@ -42,10 +44,10 @@ cdef void sample(const Run *run, Row *row) noexcept nogil:
     cdef bint shifted = not isinf(chain.detection) and not row.task.alarm_by_reading
     cdef double delay = episode.drawn.reaction_delay, period = row.task.control_period, last, following
     cdef double force = take_peak(run, chain) if row.task.alarm_by_reading else sensed_force(run, chain)
-    row.readings[episode.pushed % row.slots] = Reading(
+    row.readings[episode.readings_taken % row.slots] = Reading(
         chain.time, force, chain.peak_force, chain.deflection - chain.flange_offset
     )
-    episode.pushed += 1
+    episode.readings_taken += 1
     # Each reading is taken one `reaction_delay` before the observation that shows it. The alarm of a force switch
     # shifts the control steps; the observation at this alarm shows a reading from the time of detection.
     if isinf(chain.detection) or row.task.operator_kind:
@@ -66,12 +68,13 @@ cdef void receive(Row *row) noexcept nogil:
     """Deliver the oldest reading in transit, with force errors; with `alarm="reading"` it can raise the alarm."""
     cdef Episode *episode = row.episode
     cdef Sensors *sensors = &episode.sensors
-    cdef const Reading *reading = &row.readings[episode.popped % row.slots]
+    cdef const Reading *reading = &row.readings[episode.readings_delivered % row.slots]
     cdef double error = episode.drawn.force_error, seed = episode.drawn.noise_seed
     cdef double noise = episode.drawn.force_noise
+    cdef int64_t number = 2 * episode.readings_delivered
     cdef double[2] uniform
     if noise > 0.0:
-        uniform[0], uniform[1] = hashed(seed, 2 * episode.popped), hashed(seed, 2 * episode.popped + 1)
+        uniform[0], uniform[1] = hashed(seed, number), hashed(seed, number + 1)
         error += noise * normal(uniform)
     sensors.force_3, sensors.force_2, sensors.force_1 = sensors.force_2, sensors.force_1, sensors.force
     sensors.deflection_3, sensors.deflection_2 = sensors.deflection_2, sensors.deflection_1
@@ -84,7 +87,7 @@ cdef void receive(Row *row) noexcept nogil:
     else:
         sensors.force_peak = max(sensors.force_peak, reading.peak + error)
     sensors.deflection = reading.deflection
-    episode.popped += 1
+    episode.readings_delivered += 1
 
 
 cdef double play_step(Run *run, Row *row, const double *action) noexcept nogil:
@@ -107,7 +110,9 @@ cdef double play_step(Run *run, Row *row, const double *action) noexcept nogil:
     drive(run, row, Command(asked[0], asked[1]))
     update_alarm(row)
     until = chain.time - drawn.reaction_delay + ROUNDING
-    while episode.popped < episode.pushed and row.readings[episode.popped % row.slots].time <= until:
+    while episode.readings_delivered < episode.readings_taken:
+        if not row.readings[episode.readings_delivered % row.slots].time <= until:
+            break
         receive(row)
     episode.control_steps += 1
     episode.done_time = chain.time

@@ -5,6 +5,7 @@ cpdef enum:
 
 
 cdef void observe(Row *row) noexcept nogil:
+    """Update the sensors, and write the observation."""
     cdef Chain *chain = row.chain
     cdef const Record *drawn = &row.episode.drawn
     cdef Sensors *sensors = &row.episode.sensors
@@ -24,7 +25,7 @@ cdef void observe(Row *row) noexcept nogil:
     sensors.time_since_touch = max(chain.time - chain.detection - drawn.reaction_delay, 0.0)
     for k in range(row.length):
         entry = &row.entries[k]
-        value = values[entry.place]
+        value = values[entry.index]
         if entry.curve == LOGARITHM:
             if row.episode.control_steps > 0:
                 continue  # numbers on a logarithmic scale stay the same during an episode

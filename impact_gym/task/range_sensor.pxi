@@ -4,6 +4,7 @@ cdef int64_t RANGE_STREAM = 1 << 40  # index of the first random number for rang
 
 
 cdef void begin_range(Row *row) noexcept nogil:
+    """Reset the sensor: no reading has arrived yet."""
     row.episode.sensors.range, row.episode.range_time = INFINITY, -INFINITY
 
 

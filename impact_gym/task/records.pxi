@@ -6,7 +6,7 @@ cdef struct Range:
 
 
 cdef struct Draw:  # a number that an episode draws from a range
-    int64_t place  # index of the number in `Record`
+    int64_t index  # index of the number in `Record`
     int64_t source  # >= 0: index among the generator's uniform numbers; < 0: index in the stream of the noise seed
     int64_t by_ratio  # 1: log-uniform, 0: uniform
     double low, high
@@ -47,11 +47,11 @@ cdef struct Reading:  # of the sensors, in transit to the controller
     double time  # s, when the sensors were read
     double force  # N; with `alarm="reading"` the largest force since the previous reading
     double peak  # N, largest contact force of the episode so far
-    double deflection  # m, tool minus flange position; with a DIRECT (rigid) coupling, tool minus commanded position
+    double deflection  # m, tool minus flange position; with a rigid coupling, tool minus commanded position
 
 
 cdef struct Entry:  # one number of the observation
-    int64_t place  # index of the number in `Episode`
+    int64_t index  # index of the number in `Episode`
     int64_t curve  # LINEAR, LOGARITHM or LOGARITHM_OF_ONE_MORE, see `observation.pxi`
     double low, scaled_low  # scaled value = scaled_low + gain * (curve(value) - low)
     double gain
@@ -64,8 +64,8 @@ cdef struct Episode:  # drawn numbers, state and results of an episode
     double alarm  # s, when the present alarm reached the controller; inf: there is no alarm
     double last_alarm  # s, when the last alarm reached the controller; inf before the first
     double next_sample  # s, time of the next reading of the sensors; inf: no reading follows
-    int64_t pushed  # number of readings taken so far, including those that are in transit at t = 0
-    int64_t popped  # number of readings delivered to the controller
+    int64_t readings_taken  # number of readings taken so far, including those that are in transit at t = 0
+    int64_t readings_delivered  # number of readings delivered to the controller
     double range_time  # s, when the newest range reading at the controller was taken; -inf: none
     int64_t ranges_taken, ranges_delivered  # numbers of range readings taken and delivered; lost readings do not count
     int64_t control_steps
@@ -99,7 +99,7 @@ cdef struct Link:  # operator, channels and assistance of a row
     double expires  # s, when `command` becomes too old
     double idle_since  # s, when `command` last changed to 0; inf: `command` is not 0, or has always been 0
     double stop  # s, when a model of an operator stops because of a touch; inf: not known yet
-    double seen_position  # m, flange position in the newest packet that the operator has seen
+    double seen_position  # m, flange position in the newest packet that the operator has attempts
     double alarmed  # s, when the last alarm reached the controller; -inf before the first
     double believed  # m, assumed distance of the object
     double duration  # s, duration of the operator's motion, if the operator is a `Reach`
@@ -111,7 +111,7 @@ cdef struct Link:  # operator, channels and assistance of a row
     double age_mean, age_squares  # s, s^2: mean age of used commands on arrival, sum of the squares of (age - mean)
     # counts: `packets` sent, `arrived` used, `ticks` sent regularly; `oldest`: index of the oldest usable command
     int64_t packets, oldest, arrived, ticks
-    int64_t display_packets, seen_packet  # number of packets sent to the display; index of the newest `Packet` seen
+    int64_t display_packets, seen_packet  # number of packets sent to the display; index of the newest `Packet` attempts
     int64_t expired, stopped  # 0 or 1: `command` has expired; the operator has stopped
     int64_t uplink_lost, downlink_lost  # 0 or 1: result of `is_lost` for the channel's last packet
 

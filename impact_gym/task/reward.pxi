@@ -16,11 +16,13 @@ cdef double reward(const Terms *step, double time_weight, double force_weight, T
 
 
 cdef inline void add_terms(Terms *total, const Terms *step) noexcept nogil:
+    """Add the terms of a control step to `total`."""
     total.time, total.speed = total.time + step.time, total.speed + step.speed
     total.force, total.miss = total.force + step.force, total.miss + step.miss
 
 
 cdef double charged_time(const Chain *chain, double begun, bint to_the_end) noexcept nogil:
+    """Return the time (s) since `begun` that counts: until the first contact, or all of it if `to_the_end`."""
     if to_the_end:
         return chain.time - begun
     return min(chain.time, chain.first_contact) - min(begun, chain.first_contact)

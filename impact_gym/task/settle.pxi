@@ -45,6 +45,7 @@ cdef int settle(Run *run, Row *row) noexcept nogil:
 
 
 cdef inline bint has_stuck(const Chain *chain, double since) noexcept nogil:
+    """Return whether the object has stuck since the time `since` (s) while the imposed motion is at rest."""
     return chain.object_state == STUCK and chain.object_rest_time <= since and chain.flange_velocity == 0.0
 
 

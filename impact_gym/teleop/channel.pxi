@@ -10,6 +10,7 @@ cdef double chance(Row *row, int64_t stream, int64_t count) noexcept nogil:
 
 
 cdef double normal_chance(Row *row, int64_t stream, int64_t count) noexcept nogil:
+    """Return number `count`, standard normal, of a row's random stream."""
     cdef double[2] uniform
     uniform[0], uniform[1] = chance(row, stream, 2 * count), chance(row, stream, 2 * count + 1)
     return normal(uniform)
@@ -29,6 +30,7 @@ cdef double delay_of(Row *row, const ChannelNumbers *channel, const Table *trace
 
 
 cdef double mean_delay(const ChannelNumbers *channel, const Table *trace) noexcept nogil:
+    """Return the mean delay of a channel or of a recorded `trace`, s."""
     if trace.points > 0:
         return trace.mean
     return channel.delay + channel.jitter + channel.tail_share * (channel.tail - channel.jitter)

@@ -9,6 +9,7 @@ cdef double STANDING = 0.01  # m/s, largest speed of the flange's commanded moti
 
 
 cdef void begin_link(Row *row) noexcept nogil:
+    """Reset the link and the operator's belief at the start of an episode."""
     cdef Link *link = row.link
     cdef const Record *drawn = &row.episode.drawn
     cdef const OperatorNumbers *numbers = &drawn.operator
@@ -90,6 +91,7 @@ cdef double next_event(const Row *row) noexcept nogil:
 
 
 cdef void process_events(Row *row) noexcept nogil:
+    """Process what is due now: sending, arrival and expiry of commands."""
     cdef Link *link = row.link
     cdef double now = row.chain.time + ROUNDING
     cdef bint regular = link.next_sent <= now
@@ -131,11 +133,13 @@ cdef void assist(Row *row, double gain, double acceleration, double withdrawal) 
 
 
 cdef void add_to_withheld_share(Row *row, double time) noexcept nogil:
+    """Count the way (m) of the last `time` (s) that was commanded, and what the assistance withheld of it."""
     row.link.commanded_way += time * fabs(row.link.effective)
     row.link.withheld_way += time * fabs(row.link.effective - row.episode.sensors.executed)
 
 
 cdef void observe_link(Row *row) noexcept nogil:
+    """Write what the controller observes of the link into the sensors."""
     cdef Link *link = row.link
     cdef Sensors *sensors = &row.episode.sensors
     sensors.command = link.command

@@ -39,7 +39,7 @@ cdef double intended(Row *row, double time) noexcept nogil:
         omega, zeta = sqrt(numbers.stiffness), 0.5 * numbers.damping / sqrt(numbers.stiffness)
         share = exp(-M_PI * zeta / sqrt(1.0 - zeta * zeta)) if zeta < 1.0 else 0.0  # overshoot as a fraction of a step
         speed /= 1.0 + share
-        share = time - link.believed / speed  # s, since the moving target reached the assumed place; negative: before
+        share = time - link.believed / speed  # s, since the moving target was at the assumed position; negative: before
         speed *= step_response(omega, zeta, time) - step_response(omega, zeta, share)
         return max(speed, numbers.creep) if omega * share > 1.0 else speed
     return min(max(numbers.gain * (link.believed - seen_position(row, time)), numbers.creep), speed)
@@ -60,6 +60,7 @@ cdef double seen_position(Row *row, double time) noexcept nogil:
 
 
 cdef double operator_command(Row *row, double time) noexcept nogil:
+    """Return the velocity that the operator commands at `time` (s), m/s, with motor noise."""
     cdef const OperatorNumbers *numbers = &row.episode.drawn.operator
     cdef Link *link = row.link
     cdef int64_t count = link.packets

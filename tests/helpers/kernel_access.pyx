@@ -4,30 +4,30 @@
 include "../../impact_gym/kernels.pyx"
 
 
-def drift_once(law, chain, double acceleration, double time):
-    """Move `chain` (1, CHAIN) through `time` (s) of flight in closed form under a `law` (1, LAW)."""
+def drift_once(model, chain, double acceleration, double time):
+    """Move `chain` (1, CHAIN) through `time` (s) of flight in closed form by a `model` (1, CHAIN_MODEL)."""
     cdef Run run
-    run.law, run.ground = <const Law *> memory_of(law), 0.0
+    run.model, run.ground = <const ChainModel *> memory_of(model), 0.0
     drift(&run, <Chain *> memory_of(chain), acceleration, time)
 
 
-def first_touch(law, chain, double acceleration, double horizon):
-    """Time (s) until `chain` (1, CHAIN) touches under a `law` (1, LAW); inf if not within `horizon` (s)."""
+def first_touch(model, chain, double acceleration, double horizon):
+    """Time (s) until `chain` (1, CHAIN) touches by a `model` (1, CHAIN_MODEL); inf if not within `horizon` (s)."""
     cdef Run run
-    run.law, run.ground = <const Law *> memory_of(law), 0.0
+    run.model, run.ground = <const ChainModel *> memory_of(model), 0.0
     return touch_time(&run, <const Chain *> memory_of(chain), acceleration, horizon)
 
 
-def never_touches(law, chain):
+def never_touches(model, chain):
     """Whether `chain` certainly never touches again while the imposed motion rests; without a robot."""
     cdef Run run
-    run.law, run.tables, run.ground = <const Law *> memory_of(law), NULL, 0.0
+    run.model, run.tables, run.ground = <const ChainModel *> memory_of(model), NULL, 0.0
     return cannot_touch(&run, <const Chain *> memory_of(chain))
 
 
-def energy_and_reach(law, double stretch, double kinetic):
+def energy_and_reach(model, double stretch, double kinetic):
     """Energy of a coupling (J), and a bound on its later stretch (m) with a `kinetic` energy (J)."""
-    cdef const Law *given = <const Law *> memory_of(law)
+    cdef const ChainModel *given = <const ChainModel *> memory_of(model)
     return coupling_energy(given, stretch), coupling_reach(given, stretch, kinetic)
 
 
@@ -42,43 +42,47 @@ def step_once(plan, table, chain, double acceleration, bint flying, x, double h,
         acceleration: of the flange, m/s^2.
         flying: whether in flight; otherwise in contact.
         x: state (n,), as long as the chain's.
-        h, method: length and method of the step: "explicit", "stiff" or "series".
+        h, method: length and method of the step: "explicit", "stiff" or "series". With "explicit" the equations of
+            motion are those of a general piece, whatever the contact law.
     """
     cdef Run run
     cdef Work work
-    cdef Piece now
-    cdef Law law
-    cdef const Approach *given = <const Approach *> memory_of(plan)
+    cdef Piece piece
+    cdef ChainModel model
+    cdef const RunPlan *given = <const RunPlan *> memory_of(plan)
     cdef Events events
     cdef double error
     cdef int i, j
-    law_to_kernel(&given.mount, &law)
-    run.law, run.tables, run.contact = &law, <const double *> memory_of(table), given.contact
+    model_to_kernel(&given.mount, &model)
+    run.model, run.tables, run.contact = &model, <const double *> memory_of(table), given.contact
     run.object_mass, run.threshold, run.tolerance = given.object_mass, given.threshold, 1.0
     run.ground = STANDARD_GRAVITY * given.friction
-    begin_piece(&run, <const Chain *> memory_of(chain), acceleration, INFINITY, flying, &now)
+    begin_piece(&run, <const Chain *> memory_of(chain), acceleration, INFINITY, flying, &piece)
+    if method == "explicit":
+        piece.analytic = False
+        begin_general(&run, <const Chain *> memory_of(chain), &piece)
     memset(work.x, 0, sizeof(work.x))
-    memcpy(work.x, memory_of(x), now.width * sizeof(double))
-    rates(&now, work.x, work.rate)
+    memcpy(work.x, memory_of(x), piece.width * sizeof(double))
+    rates(&piece, work.x, work.rate)
     work.method = {"explicit": EXPLICIT, "stiff": STIFF, "series": SERIES}[method]
     memset(&events, 0, sizeof(events))
-    evaluate_events(&now, work.x, work.rate, &events)
+    evaluate_events(&piece, work.x, work.rate, &events)
     result = {
         "height": [events.height[i] for i in range(CLAMP, ROWS)],
         "slope": [events.slope[i] for i in range(CLAMP, ROWS)],
     }
-    if now.analytic:
-        expand(&now, &work)
-        result["fastest"] = fastest(&now, work.x, work.rate)
-    error = attempt(&now, &work, h)
+    if piece.analytic:
+        expand(&piece, &work)
+        result["fastest"] = fastest(&piece, work.x, work.rate)
+    error = attempt(&piece, &work, h)
     result |= {
-        "rate": [work.rate[i] for i in range(now.width)],
-        "end": [work.trial[i] for i in range(now.width)],
+        "rate": [work.rate[i] for i in range(piece.width)],
+        "end": [work.trial[i] for i in range(piece.width)],
         "error": error,
     }
-    probe(&now, &work, h, 0.5)
-    result["middle"] = [work.probe[i] for i in range(now.width)]
-    result["blind"] = longest_blind_step(&now, work.x, BLIND[0], BLIND[1]) if flying else 0.0
-    jacobian(&now, work.x, work.matrix)
-    result["jacobian"] = [[work.matrix[i][j] for j in range(now.width)] for i in range(now.width)]
+    probe(&piece, &work, h, 0.5)
+    result["middle"] = [work.probe[i] for i in range(piece.width)]
+    result["blind"] = longest_blind_step(&piece, work.x, BLIND[0], BLIND[1]) if flying else 0.0
+    jacobian(&piece, work.x, work.matrix)
+    result["jacobian"] = [[work.matrix[i][j] for j in range(piece.width)] for i in range(piece.width)]
     return {name: np.array(value) for name, value in result.items()}

@@ -17,12 +17,12 @@ DAMPING_RATIOS = [0.0, 0.3, 0.9, 1 - 1e-9, 1.0, 1 + 1e-9, 1.1, 3.0, 50.0]
 STATE = "flange_position", "flange_velocity", "deflection", "deflection_rate", "penetration", "penetration_rate"
 
 
-def law_of(coupling, robot=None):
-    return kernels().laws_of(np.array([mount_to_kernel(TOOL_MASS, coupling, robot)[0]], kernels().MOUNT))
+def model_of(coupling, robot=None):
+    return kernels().models_of(np.array([mount_to_kernel(TOOL_MASS, coupling, robot)[0]], kernels().MOUNT))
 
 
 def spring(frequency, damping_ratio):
-    return law_of(ig.SpringDamper(TOOL_MASS * frequency**2, damping_ratio))
+    return model_of(ig.SpringDamper(TOOL_MASS * frequency**2, damping_ratio))
 
 
 def chain(*, flange_velocity=0.9, deflection=0.004, deflection_rate=-0.3, gap=0.08, object_velocity=0.2):
@@ -49,14 +49,14 @@ def state_of(record):
 
 @pytest.mark.parametrize("damping_ratio", [None, *DAMPING_RATIOS], ids=str)  # None: a rigid coupling
 def test_drift_under_an_acceleration_is_the_matrix_exponential(damping_ratio):
-    law, of_spring, still = spring(FREQUENCY, damping_ratio or 0.0), (FREQUENCY, damping_ratio), {"deflection": 1.0}
+    model, of_spring, still = spring(FREQUENCY, damping_ratio or 0.0), (FREQUENCY, damping_ratio), {"deflection": 1.0}
     if damping_ratio is None:
-        law, of_spring, still = law_of(ig.Rigid()), (), {"deflection": 0.0, "deflection_rate": 0.0}
+        model, of_spring, still = model_of(ig.Rigid()), (), {"deflection": 0.0, "deflection_rate": 0.0}
     change = math.sqrt(1e-3 / max(abs((damping_ratio or 0.0) ** 2 - 1), 1e-9))  # here the formula changes
     for angle in (1e-6, 1e-2, 0.03162, 0.5, 3.0, 40.0, change * (1 - 1e-12), change * (1 + 1e-12)):
         flight, time = chain(**still), angle / FREQUENCY
         exact = expm(equations(8.0, *of_spring) * time) @ state_of(flight)
-        kernels().drift_once(law, flight, 8.0, time)
+        kernels().drift_once(model, flight, 8.0, time)
         assert state_of(flight) == pytest.approx(exact, rel=1e-12, abs=1e-14)
         assert flight["time"] == pytest.approx(time, rel=1e-12)
 
@@ -68,9 +68,9 @@ def test_first_touch_of_a_random_flight_is_on_its_path():
         of_spring = frequency, random.choice([0.0, light, heavy, 1.0, beyond])
         acceleration = random.choice([0.0, random.uniform(-20, 20)])
         closing, y_dot = random.uniform([-0.5, -1], [1, 1])
-        y, law = random.uniform(-1.0, 1.0) / frequency, spring(*of_spring)
+        y, model = random.uniform(-1.0, 1.0) / frequency, spring(*of_spring)
         if random.random() < 0.2:
-            y, y_dot, law, of_spring = 0.0, 0.0, law_of(ig.Rigid()), ()
+            y, y_dot, model, of_spring = 0.0, 0.0, model_of(ig.Rigid()), ()
         gap = 10 ** random.uniform(-5, -1)
         if random.random() < 0.5:
             gap = 0.0
@@ -81,7 +81,7 @@ def test_first_touch_of_a_random_flight_is_on_its_path():
         states, step = [state_of(record)], expm(matrix * h)
         for _ in range(samples):
             states.append(step @ states[-1])
-        touch = kernels().first_touch(law, record, float(acceleration), samples * h)
+        touch = kernels().first_touch(model, record, float(acceleration), samples * h)
         inside = np.flatnonzero(np.array(states)[1:, 4] > 1e-15)
         assert touch <= (h * (inside[0] + 1) if len(inside) else math.inf)
         if math.isfinite(touch):
@@ -91,7 +91,7 @@ def test_first_touch_of_a_random_flight_is_on_its_path():
             assert there[5] > -1e-9
     assert touches > 150
     at_rest = chain(flange_velocity=0.0, deflection=0.0, deflection_rate=0.0, gap=0.0, object_velocity=0.0)
-    assert kernels().first_touch(law_of(ig.Rigid()), at_rest, 1.0, 1.0) == 0.0  # as soon as it accelerates
+    assert kernels().first_touch(model_of(ig.Rigid()), at_rest, 1.0, 1.0) == 0.0  # as soon as it accelerates
 
 
 @pytest.mark.parametrize("margin", [0.1, 1e-6, 1e-9])
@@ -99,12 +99,12 @@ def test_undamped_tool_reaches_just_as_far_as_its_energy_allows(margin):
     random = np.random.default_rng(6)  # flange and object rest, so the tool gets to hypot(y, y' / omega)
     for _ in range(100):
         y, y_dot, frequency = random.uniform(-0.05, 0.05), random.uniform(-1, 1), 10 ** random.uniform(0, 2.5)
-        reach, law = math.hypot(y, y_dot / frequency), spring(frequency, 0.0)
+        reach, model = math.hypot(y, y_dot / frequency), spring(frequency, 0.0)
         for beyond in (True, False):
             gap = reach * (1 + margin if beyond else 1 - margin) - y
             record = chain(flange_velocity=0.0, deflection=y, deflection_rate=y_dot, gap=gap, object_velocity=0.0)
-            assert kernels().never_touches(law, record) == beyond
-            assert math.isinf(kernels().first_touch(law, record, 0.0, 7.0 / frequency)) == beyond
+            assert kernels().never_touches(model, record) == beyond
+            assert math.isinf(kernels().first_touch(model, record, 0.0, 7.0 / frequency)) == beyond
 
 
 SPRINGS = [ig.SpringDamper(80.0, 0.5, stroke=0.01)]
@@ -114,16 +114,16 @@ SOFT = [ig.Bistable(front_stop=x, stop_stiffness=k) for x, k in ((1e-4, 300.0), 
 
 @pytest.mark.parametrize("coupling", [*SPRINGS, *MECHANISMS, *SOFT], ids=lambda coupling: type(coupling).__name__)
 def test_energy_of_a_coupling_bounds_its_reach(coupling):
-    bistable, law, low, high = isinstance(coupling, ig.Bistable), law_of(coupling), -0.012, 0.012
+    bistable, model, low, high = isinstance(coupling, ig.Bistable), model_of(coupling), -0.012, 0.012
     if bistable:
         low, high = coupling.rear_stop - coupling.rest - 2e-3, coupling.front_stop - coupling.rest + 2e-3
     of_kernel, at_rest = kernels().energy_and_reach, stored_energy(coupling, 0.0)
     for stretch in np.random.default_rng(7).uniform(low, high, 12):
         energy = stored_energy(coupling, stretch)
-        gained = of_kernel(law, stretch, 0.0)[0] - of_kernel(law, 0.0, 0.0)[0]
+        gained = of_kernel(model, stretch, 0.0)[0] - of_kernel(model, 0.0, 0.0)[0]
         assert gained == pytest.approx(energy - at_rest, rel=1e-9, abs=1e-12)
         for kinetic in (1e-4, 1e-2, 1.0):
-            reach = of_kernel(law, stretch, kinetic)[1]
+            reach = of_kernel(model, stretch, kinetic)[1]
             if bistable and stretch < -coupling.rest == reach:  # it cannot pass the alignment
                 assert stored_energy(coupling, -coupling.rest) > energy + kinetic
                 continue
@@ -131,4 +131,4 @@ def test_energy_of_a_coupling_bounds_its_reach(coupling):
             assert stored_energy(coupling, beyond).min() > (energy + kinetic) * (1 - 1e-9)
     if coupling not in SOFT:  # from rest against a stop or a spring the bound is close
         stiffness = coupling.stop_stiffness if bistable else coupling.stiffness
-        assert of_kernel(law, 0.0, 1e-4)[1] == pytest.approx(math.sqrt(2e-4 / stiffness), rel=0.05)
+        assert of_kernel(model, 0.0, 1e-4)[1] == pytest.approx(math.sqrt(2e-4 / stiffness), rel=0.05)

@@ -1,5 +1,6 @@
 """One step of each method, on smooth pieces of every chain, with the kernels opened for tests (`kernel_access.pyx`)."""
 
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -28,7 +29,7 @@ def state(name, seed=0):
     return np.random.default_rng(seed).uniform(0.2, 1.5, WIDTHS.get(name.split(", ")[0], 10))
 
 
-def stepper(name, contact=None, acceleration=3.0):
+def stepper(name, contact=None, acceleration=3.0, force=3.0):
     """A function of scaled state and step length that returns a step on a piece, with its rates and errors."""
     chain, phase, *stop = name.split(", ")
     robot = next(robot for robot in reversed(ROBOTS) if chain.endswith(robot))
@@ -36,18 +37,26 @@ def stepper(name, contact=None, acceleration=3.0):
     moving = ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.3), contact, coupling, ROBOTS[robot])
     plan, table = approach_to_kernel(moving, ig.Trapezoid(1.0, 8.0), 1.0)
     row = np.zeros(1, kernels().CHAIN)
-    row["units"] = (0.01, 0.02, 0.5, 3.0)  # arbitrary, so that no factor cancels
-    row["holding"] = row["side"] = 1
+    row["units"] = (0.01, 0.02, 0.5, force)  # arbitrary, so that no factor cancels
+    row["force_active"] = row["side"] = 1
     row["flange_position"], row["flange_velocity"] = 0.14, 0.8
     row["pressed"] = PRESSED["".join(f", {which}" for which in stop)]
-    piece = np.array([plan], kernels().APPROACH), table, row, acceleration, phase == "flight"  # m/s^2, of the flange
+    piece = np.array([plan], kernels().RUN_PLAN), table, row, acceleration, phase == "flight"  # m/s^2, of the flange
     return lambda x, h=1e-3, method="explicit": kernels().step_once(*piece, np.ascontiguousarray(x), h, method)
+
+
+@pytest.mark.parametrize(("name", "mass"), [("rigid", 0.25), ("spring", 1 / 12), ("rigid on a robot", 5.125 / 21.5)])
+def test_general_equations_agree_with_those_of_an_analytic_piece(name, mass):
+    step = stepper(f"{name}, contact", force=mass * 0.5 / 0.02)  # kg, reduced mass; the units of a real contact
+    general, analytic = (step(state(name), method=method)["rate"] for method in ("explicit", "series"))
+    assert general[:6] == pytest.approx(analytic[:6], rel=1e-14)  # the last ones are other integrals
 
 
 @pytest.mark.parametrize("exponents", EXPONENTS, ids=str)
 def test_jacobian_is_that_of_the_rates_and_slopes_of_the_events(exponents):
-    for name in PIECES:
-        step, x = stepper(name, ig.Contact(1e3, 0.5, "exact", *exponents)), state(name)
+    for name, method in product(PIECES, ("explicit", "stiff")):
+        piece, x = stepper(name, ig.Contact(1e3, 0.5, "exact", *exponents)), state(name)
+        step = partial(piece, method=method)
         at, changes = step(x), np.diag(1e-6 * np.maximum(np.abs(x), 1.0))
         columns = [(step(x + change)["rate"] - step(x - change)["rate"]) / (2 * change.max()) for change in changes]
         measured = np.array(columns).T
@@ -64,11 +73,16 @@ def test_jacobian_is_that_of_the_rates_and_slopes_of_the_events(exponents):
     ("stiff", "end", 0.05, 5.6), ("stiff", "error", 0.05, 4.8),
 ])  # fmt: skip
 def test_error_of_a_halved_step_falls_with_the_order(method, what, longest, order):
-    for piece in ("spring, contact", "bistable on a robot, contact")[: 1 if method == "series" else 2]:
+    simple = "spring on a robot, contact" if method == "explicit" else "spring, contact"
+    for piece in (simple, "bistable on a robot, contact")[: 1 if method == "series" else 2]:
         step, x, errors = stepper(piece), state(piece), []
+
+        def rates(_, y, step=step):
+            return step(y, method=method)["rate"]
+
         for h in longest * 0.5 ** np.arange(3):
             compiled, at = step(x, h, method)[what], 0.5 * h if what == "middle" else h
-            end = solve_ivp(lambda _, y, f=step: f(y)["rate"], (0.0, at), x, "DOP853", rtol=3e-14, atol=1e-16).y[:, -1]
+            end = solve_ivp(rates, (0.0, at), x, "DOP853", rtol=3e-14, atol=1e-16).y[:, -1]
             errors.append(compiled if what == "error" else np.abs(compiled - end).max())
         found = np.log2(np.divide(errors[:-1], errors[1:]))
         assert np.all(found > order), (piece, errors, found)  # of one step: one above the method's

@@ -1,0 +1,203 @@
+"""Flights that have a closed form: those of rigid and spring chains, with any contact law.
+
+The tool of a rigid chain has the imposed motion, so the gap is quadratic in time. A spring chain is one mass (tool, or
+tool and robot) on a spring and damper, see `oscillator.pxi`.
+"""
+
+cdef enum:
+    MOST_BENDS = 300000  # largest number of intervals that `spring_touch` searches in a flight, see STEP_LIMIT
+
+
+cdef double gap_closes(double gap, double speed, double acceleration) noexcept nogil:
+    """Return the time (s) until gap - speed t - acceleration t^2 / 2 falls to zero from above; inf if never."""
+    cdef double square = speed * speed + 2.0 * acceleration * gap
+    if square < 0.0:
+        return INFINITY
+    if speed > 0.0:
+        return 2.0 * gap / (speed + sqrt(square)) if gap > 0.0 else 0.0
+    if acceleration > 0.0:  # the gap opens piece, and closes later
+        return (sqrt(square) - speed) / acceleration
+    return INFINITY
+
+
+cdef void rigid_drift(Chain *chain, double acceleration, double ground, double time) noexcept nogil:
+    """Move `chain` exactly through `time` (s) of flight; `ground` (m/s^2) is the object's deceleration by friction."""
+    chain.penetration += time * (chain.penetration_rate + 0.5 * (acceleration + ground) * time)
+    chain.penetration_rate += (acceleration + ground) * time
+    chain.flange_position += time * (chain.flange_velocity + 0.5 * acceleration * time)
+    chain.flange_velocity += acceleration * time
+    chain.time += time
+
+
+cdef void spring_drift(
+    const ChainModel *model, Chain *chain, double acceleration, double ground, double time
+) noexcept nogil:
+    """Move `chain` exactly through `time` (s) of flight; `ground` (m/s^2) is the object's deceleration by friction."""
+    cdef double z, z_dot, rest = -acceleration / (model.frequency * model.frequency)
+    cdef double object_speed = tool_velocity(chain) - chain.penetration_rate
+    cdef double travel = time * (chain.flange_velocity + 0.5 * acceleration * time)
+    z, z_dot = free_decay(model.frequency, model.damping_ratio, chain.deflection - rest, chain.deflection_rate, time)
+    chain.penetration += travel + (z + rest - chain.deflection) - time * (object_speed - 0.5 * ground * time)
+    chain.deflection = z + rest
+    chain.deflection_rate = z_dot
+    chain.flange_position += travel
+    chain.flange_velocity += acceleration * time
+    chain.penetration_rate = chain.flange_velocity + z_dot - (object_speed - ground * time)
+    chain.time += time
+
+
+cdef struct FreeFlight:  # at time t, penetration = start + z(t) - z(0) + closing t + acceleration t^2 / 2
+    double frequency  # rad/s
+    double damping_ratio
+    double position, velocity  # m, m/s: z(0) and z'(0) of the free oscillation z, see `oscillator.pxi`
+    double start  # m, penetration at t = 0, not positive
+    double closing  # m/s, velocity of the imposed motion minus object velocity, at t = 0
+    double acceleration  # m/s^2, acceleration of the imposed motion minus object acceleration
+
+
+cdef struct GapDerivatives:
+    double[5] order  # penetration (m) and its first four derivatives
+
+
+cdef GapDerivatives gap_at(const FreeFlight *flight, double time) noexcept nogil:
+    """Return the penetration and its derivatives at `time` (s)."""
+    cdef double z, w2 = flight.frequency * flight.frequency, c = 2.0 * flight.damping_ratio * flight.frequency
+    cdef GapDerivatives gap
+    z, gap.order[1] = free_decay(flight.frequency, flight.damping_ratio, flight.position, flight.velocity, time)
+    gap.order[2] = -w2 * z - c * gap.order[1]
+    gap.order[3] = -w2 * gap.order[1] - c * gap.order[2]
+    gap.order[4] = -w2 * gap.order[2] - c * gap.order[3]
+    gap.order[0] = flight.start + (z - flight.position) + time * (flight.closing + 0.5 * flight.acceleration * time)
+    gap.order[1] += flight.closing + flight.acceleration * time
+    gap.order[2] += flight.acceleration
+    return gap
+
+
+cdef double monotone_zero(const FreeFlight *flight, int order, bint rising, double low, double high) noexcept nogil:
+    """Return the time (s) from `low` to `high` at which derivative `order` of penetration, monotone there, is 0."""
+    cdef GapDerivatives gap
+    cdef double following, time = 0.5 * (low + high)
+    for _ in range(100):
+        gap = gap_at(flight, time)
+        if (gap.order[order] > 0.0) == rising:
+            high = time
+        else:
+            low = time
+        following = time - gap.order[order] / gap.order[order + 1] if gap.order[order + 1] != 0.0 else low
+        if not low < following < high:
+            following = 0.5 * (low + high)
+        if fabs(following - time) <= 4e-16 * high:
+            return following
+        time = following
+    return time
+
+
+cdef double inflection_time(const FreeFlight *flight, double after, const GapDerivatives *gap) noexcept nogil:
+    """Return when (s) the gap's third derivative, a free damped oscillation, is next 0 after `after`; inf: never."""
+    cdef double w = flight.frequency, zeta = flight.damping_ratio, p = gap.order[3]
+    cdef double slope = gap.order[4] + zeta * w * p, square = (1.0 - zeta) * (1.0 + zeta) * w * w
+    cdef double damped, phase, ratio, split
+    if square > 0.0:
+        damped = sqrt(square)
+        phase = atan2(-p * damped, slope)
+        while phase <= 1e-9:
+            phase += M_PI
+        return after + phase / damped
+    if slope == 0.0:
+        return INFINITY
+    ratio = -p / slope
+    if ratio * w <= 1e-9:  # there is no zero after `after` (up to rounding)
+        return INFINITY
+    if square == 0.0:
+        return after + ratio
+    split = sqrt(-square)
+    return after + atanh(ratio * split) / split if ratio * split < 1.0 else INFINITY
+
+
+cdef double within_reach(const FreeFlight *flight, double begin) noexcept nogil:
+    """Return a time (s) before which no touch is possible, or inf. After `begin`, |z| <= hypot(z, z' / omega)."""
+    cdef double gap, swing, closed, z = flight.position, z_dot = flight.velocity
+    if begin > 0.0:
+        z, z_dot = free_decay(flight.frequency, flight.damping_ratio, z, z_dot, begin)
+    closed = flight.start + (z - flight.position) + begin * (flight.closing + 0.5 * flight.acceleration * begin)
+    swing = sqrt((z_dot / flight.frequency) ** 2 + z * z) - z
+    gap = -closed - swing
+    if gap <= 0.0:
+        return begin
+    return begin + gap_closes(gap, flight.closing + flight.acceleration * begin, flight.acceleration)
+
+
+cdef double spring_touch(
+    const ChainModel *model, const Chain *chain, double acceleration, double ground, double horizon
+) noexcept nogil:
+    """Return the time (s) until the first touch; inf if not within `horizon` (s), nan if MOST_BENDS did not suffice."""
+    cdef FreeFlight flight
+    cdef GapDerivatives first, between, last
+    cdef double low, high, middle, touch
+    flight.frequency, flight.damping_ratio = model.frequency, model.damping_ratio
+    flight.position = chain.deflection + acceleration / (model.frequency * model.frequency)
+    flight.velocity = chain.deflection_rate
+    flight.start = min(chain.penetration, 0.0)
+    flight.closing = chain.penetration_rate - chain.deflection_rate
+    flight.acceleration = acceleration + ground
+    low = within_reach(&flight, 0.0)
+    for _ in range(MOST_BENDS):  # between zeros of its third derivative, the gap has at most one inflection
+        if not low < horizon:
+            return INFINITY
+        first = gap_at(&flight, low)
+        high = min(inflection_time(&flight, low, &first), horizon)
+        last = gap_at(&flight, high)
+        middle, between = high, last
+        if (first.order[2] > 0.0) != (last.order[2] > 0.0):
+            middle = monotone_zero(&flight, 2, last.order[2] > 0.0, low, high)
+            between = gap_at(&flight, middle)
+        touch = touch_in_bend(&flight, low, &first, middle, &between)
+        if touch == INFINITY:
+            touch = touch_in_bend(&flight, middle, &between, high, &last)
+        if touch < INFINITY:
+            return touch
+        low = within_reach(&flight, high)
+    return NAN
+
+
+cdef double touch_in_bend(
+    const FreeFlight *flight, double begin, const GapDerivatives *first, double end, const GapDerivatives *last
+) noexcept nogil:
+    """Return the time (s) of the first touch from `begin` to `end`, where the gap has no inflection; inf: no touch."""
+    cdef bint closing = first.order[1] > 0.0, still = last.order[1] > 0.0
+    cdef double turn
+    cdef GapDerivatives there
+    if begin >= end or not (closing or still):  # while the gap opens, an apparent touch is a rounding error
+        return INFINITY
+    turn, there = end, last[0]
+    if closing != still:
+        turn = monotone_zero(flight, 1, still, begin, end)
+        there = gap_at(flight, turn)
+    if closing:
+        if there.order[0] > 0.0:
+            return begin if first.order[0] >= 0.0 else monotone_zero(flight, 0, True, begin, turn)
+    elif last.order[0] > 0.0:
+        return turn if there.order[0] >= 0.0 else monotone_zero(flight, 0, True, turn, end)
+    return INFINITY
+
+
+cdef inline double ground_now(const Run *run, const Chain *chain) noexcept nogil:
+    """Return the object's present deceleration by the friction under it, m/s^2; 0 if the object sticks."""
+    return run.ground if chain.object_state != STUCK else 0.0
+
+
+cdef inline void drift(const Run *run, Chain *chain, double acceleration, double time) noexcept nogil:
+    """Move a rigid or spring chain exactly through `time` (s) of flight."""
+    if run.model.kind == RIGID_CHAIN:
+        rigid_drift(chain, acceleration, ground_now(run, chain), time)
+    else:
+        spring_drift(run.model, chain, acceleration, ground_now(run, chain), time)
+
+
+cdef inline double touch_time(const Run *run, const Chain *chain, double acceleration, double horizon) noexcept nogil:
+    """Return the time (s) until a rigid or spring chain touches the object; inf: later than `horizon`; nan: unknown."""
+    cdef double time, ground = ground_now(run, chain)
+    if run.model.kind == SPRING_CHAIN:
+        return spring_touch(run.model, chain, acceleration, ground, horizon)
+    time = gap_closes(-chain.penetration, chain.penetration_rate, acceleration + ground)
+    return time if time <= horizon else INFINITY
