@@ -170,7 +170,7 @@ cdef double reach_at_rest(const Run *run, const Chain *chain) noexcept nogil:
     if model.stops:
         k = fabs(spring_slope(&model.mechanism, model.mechanism.rest + chain.deflection - chain.flange_offset))
         k += model.mechanism.stop_stiffness if chain.pressed != FREE else 0.0
-    return slow_swing(chain.deflection_rate, move.tool, sqrt(k / mass))
+    return slow_swing(chain.deflection_rate, move.tool, sqrt(k / mass) if k > 0.0 else model.damping / mass)
 
 
 cdef inline double slow_swing(double velocity, double acceleration, double frequency) noexcept nogil:

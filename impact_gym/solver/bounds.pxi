@@ -12,6 +12,8 @@ cdef inline double coupling_reach(const ChainModel *model, double stretch, doubl
     """Return a bound on the future stretch, m, given the present stretch and `kinetic` energy (J)."""
     if model.stops:
         return mechanism_reach(&model.mechanism, stretch, kinetic)
+    if model.stiffness == 0.0:  # a damper without spring
+        return fabs(stretch) + sqrt(2.0 * kinetic * model.tool_mass) / model.damping
     return sqrt(stretch * stretch + 2.0 * kinetic / model.stiffness)
 
 
@@ -35,7 +37,7 @@ cdef double highest_frequency(const Run *run, double position) noexcept nogil:
         square += k / model.tool_mass
         if model.intervals:
             square += k / robot_at(&table, position).mass
-    return sqrt(square)
+    return max(sqrt(square), model.damping / model.tool_mass if k == 0.0 else 0.0)  # the decay of a damper alone
 
 
 cdef Units flight_units(const Run *run, const Chain *chain, double acceleration) noexcept nogil:
