@@ -11,7 +11,7 @@ from experiments.design.options import CHOSEN, FRONT, PAPER, DesignOptions
 from experiments.lab import grid
 from experiments.lab.charts import OTHERS, SERIES
 from experiments.lab.parts import Picture, Section, Table, percent
-from experiments.lab.statistics import Comparison, Estimate, Resamples
+from experiments.lab.statistics import Comparison, Resamples
 from experiments.lab.study import Findings, Frames
 from impact_gym.quantities import QUANTITIES
 
@@ -31,8 +31,8 @@ def summary(frame: pl.DataFrame) -> list[dict[str, Any]]:
         lower=1.0 - pl.mean("object_velocity") / paper,
         second_blow=(pl.col("contact_count") > 1).mean(),
     )
-    lines = each["line"].unique(maintain_order=True).to_list()
-    rows = sorted(each.to_dicts(), key=lambda row: (lines.index(row["line"]), row["approach_time"]))
+    lines = pl.Enum(each["line"].unique(maintain_order=True))
+    rows = each.sort(pl.col("line").cast(lines), "approach_time", maintain_order=True).to_dicts()
     for row in rows:
         row["design"] = in_words(row["design"])
         parameters = ", ".join(f"{value:.6g}" for value in json.loads(row.pop("parameters")))
@@ -44,15 +44,6 @@ def in_words(design: str) -> str:
     """Return a design (JSON) as text: names, values and units."""
     units = {name: QUANTITIES[name].unit.removeprefix("-") for name in json.loads(design)}
     return ", ".join(f"{name} {value:.4g} {units[name]}".strip() for name, value in json.loads(design).items())
-
-
-def reduction(line: pl.DataFrame, paper: pl.DataFrame) -> Estimate:
-    """Return 1 - V_p(`line`) / V_p(`paper`) at the mean approach time of `paper`, which is the paper's rule."""
-    resamples = Resamples(len(paper))
-    ours, theirs = (
-        grid.front_of(rows.rename({"allowed": "weight"}).with_row_index("episode"), resamples) for rows in (line, paper)
-    )
-    return Comparison.of_fronts(ours, theirs).reduction
 
 
 def chart(rows: Sequence[dict[str, Any]]) -> Figure:
@@ -73,9 +64,12 @@ def chart(rows: Sequence[dict[str, Any]]) -> Figure:
 def analyse(options: DesignOptions, frames: Frames, _: bool) -> Findings:
     """Compare the designs and the other couplings with the paper's rule on the test set."""
     frame = frames["designs"]
-    rows, paper = summary(frame), frame.filter(line=PAPER)
-    lines = {name: played for (name,), played in grid.groups(frame, "line") if name != PAPER}
-    gains = {name: reduction(played, paper) for name, played in lines.items()}
+    rows, resamples = summary(frame), Resamples(frame.filter(line=PAPER).height)
+    lines = {name: played for (name,), played in grid.groups(frame, "line")}
+    weighted = {name: rows.rename({"allowed": "weight"}).with_row_index("episode") for name, rows in lines.items()}
+    fronts = {name: grid.front_of(played, resamples) for name, played in weighted.items()}
+    paper = fronts.pop(PAPER)
+    gains = {name: Comparison.of_fronts(front, paper).reduction for name, front in fronts.items()}
     chosen = lines[CHOSEN].filter(allowed=options.typical)
     moved = max(row["deflection"] for row in rows if row["line"] == CHOSEN)
     missed = f" It misses {chosen['missed'].sum()} of {chosen.height} objects." if chosen["missed"].any() else ""

@@ -18,12 +18,11 @@ from agents.baselines.tuned import read_tuned
 from agents.evaluate.scenario_batch import TUNING_SEED, ScenarioBatch
 from experiments.design.findings import ENTRY, analyse
 from experiments.design.options import CHOSEN, FRONT, PAPER, SPRING, DesignOptions
-from experiments.design.search import MARGIN, PENALTY, Candidate, play, search
+from experiments.design.search import MARGIN, PENALTY, Candidate, Limits, play, search
 from experiments.design.variables import as_built
 from experiments.lab import grid
 from experiments.lab.study import Cell, Frames, Measurement, Study
 from impact_gym.couplings import Bistable
-from impact_gym.task import Task
 
 DEPENDS = (
     "impact_gym", "agents.baselines", "agents.evaluate", "agents.setups",
@@ -40,21 +39,31 @@ PAPERS_RULE: Row = {
 
 @dataclass(frozen=True)
 class Search:
-    """Yields the cells (jobs) of each table of the study, from the options and from earlier tables."""
+    """The study; its methods yield the cells (jobs) of each table, from the options and from earlier tables."""
 
     options: DesignOptions
 
+    def study(self) -> Study:
+        """Return the study."""
+        return Study("design", f"Which coupling is best for {self.options.arm.name}?", (
+            Measurement("searches", self.searches, search, DEPENDS),
+            Measurement("validation", self.validation, play, DEPENDS),
+            Measurement("controllers", self.controllers, search, DEPENDS),
+            Measurement("designs", self.designs, play, DEPENDS),
+        ), partial(analyse, self.options), ("cma",))  # fmt: skip
+
     def candidate(self, row: Row) -> Candidate:
         """Return the candidate of a row. The numbers of the chosen design get random errors in each episode."""
-        options, rule = self.options, row.get("rule") or self.options.rule
+        options, line = self.options, row["line"]
+        rule = row.get("rule") or ("BlindProfile" if options.arm.task.range_noise is None else "Ranged")
         parameters, design = json.loads(row.get("parameters", "[]")), json.loads(row.get("design", "{}"))
         others = {PAPER: options.others[SPRING], **options.others}
-        if row["line"] in others:
-            return Candidate(others[row["line"]], rule, parameters)
+        if line in others:
+            return Candidate(others[line], rule, parameters)
         environment = options.searched
-        if row["line"] == CHOSEN:
-            built = as_built(design, MARGIN * options.search.tolerance)
-            environment = Task(**options.arm.environment).changed(built).arguments()
+        if line == CHOSEN:
+            built = as_built(design, MARGIN * options.tolerance)
+            environment = options.arm.task.changed(built).arguments()
         return Candidate(environment, rule, parameters, design, options.pad)
 
     def searches(self, _: bool, __: Frames) -> Iterator[Cell]:
@@ -106,7 +115,7 @@ class Search:
 
     def _searched(self, rows: Iterable[Row]) -> Iterator[Cell]:
         options, papers_rule = self.options, self.candidate(PAPERS_RULE)
-        batch = ScenarioBatch(TUNING_SEED, options.search.scenarios, papers_rule.task, threads=1)
+        batch = ScenarioBatch(TUNING_SEED, options.scenarios, papers_rule.task, threads=1)
         paper = float(batch.play(papers_rule.controller()).approach_time.mean())
         for row in rows:
             candidate, time = self.candidate(row), row["allowed"] * paper
@@ -115,7 +124,8 @@ class Search:
             yield Cell({name: row[name] for name in ("line", "allowed", "seed")}, {
                 "candidate": asdict(replace(candidate, parameters=start, design={})),
                 "variables": list(map(list, variables)), "approach_time": time,
-                "limits": asdict(options.limits_of(row["line"])), "budget": asdict(options.search), "seed": row["seed"],
+                "limits": self._limits(row), "tolerance": options.tolerance, "scenarios": options.scenarios,
+                "budget": options.budget, "population": options.population, "seed": row["seed"],
             })  # fmt: skip
 
     def _played(self, rows: Iterable[Row], name: str) -> Iterator[Cell]:
@@ -123,9 +133,13 @@ class Search:
             candidate = self.candidate(row)
             labels = {**row, "rule": candidate.rule}
             yield Cell({column: labels[column] for column in ENTRY}, {
-                "candidate": asdict(candidate), "limits": asdict(self.options.limits_of(row["line"])), "name": name,
-                "tolerance": self.options.search.tolerance,
+                "candidate": asdict(candidate), "limits": self._limits(row), "name": name,
+                "tolerance": self.options.tolerance,
             })  # fmt: skip
+
+    def _limits(self, row: Row) -> dict[str, Any]:
+        """Return the limits for a row; only FRONT and CHOSEN have limits."""
+        return asdict(self.options.limits if row["line"] in (FRONT, CHOSEN) else Limits(deflection=None))
 
 
 def start_of(candidate: Candidate, approach_time: float) -> list[float]:
@@ -134,14 +148,3 @@ def start_of(candidate: Candidate, approach_time: float) -> list[float]:
     weights = read_tuned(blind if candidate.rule == "BlindProfile" else "ranged")["weights"].values()
     nearest = min(weights, key=lambda tuned: abs(tuned["validation"]["approach_time"] - approach_time))
     return list(nearest["parameters"].values())
-
-
-def study_of(options: DesignOptions) -> Study:
-    """Return the study for options that `DesignOptions.checked` returned."""
-    search_for = Search(options)
-    return Study("design", f"Which coupling is best for {options.arm.name}?", (
-        Measurement("searches", search_for.searches, search, DEPENDS),
-        Measurement("validation", search_for.validation, play, DEPENDS),
-        Measurement("controllers", search_for.controllers, search, DEPENDS),
-        Measurement("designs", search_for.designs, play, DEPENDS),
-    ), partial(analyse, options), ("cma",))  # fmt: skip

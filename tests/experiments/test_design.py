@@ -15,9 +15,9 @@ from agents.setups import load_setup
 from experiments.design.__main__ import design
 from experiments.design.findings import chart
 from experiments.design.options import CHOSEN, FRONT, PAPER, DesignOptions
-from experiments.design.pads import PADS, on_pad, pad_of
-from experiments.design.search import PENALTY, Candidate, Limits, SearchBudget, objective, play
-from experiments.design.study import PAPERS_RULE, Search, study_of
+from experiments.design.pads import PADS, Pad
+from experiments.design.search import PENALTY, Candidate, Limits, objective, play
+from experiments.design.study import PAPERS_RULE, Search
 from experiments.design.variables import SearchVariable, as_built
 from experiments.lab.study import StudyOptions, StudyRun
 from impact_gym.task import Task
@@ -27,9 +27,9 @@ PROFILE = list(read_tuned("blind-profile")["weights"]["2"]["parameters"].values(
 
 @pytest.mark.parametrize("name", PADS)
 def test_pad_and_object_are_two_springs_in_series(name):
-    pad, restitution = pad_of(name), 0.8
+    pad, restitution = Pad.of(name), 0.8
     for stiffness in (1e3, 1e5, 1e7):
-        together, rebound = on_pad(name, stiffness, restitution)
+        together, rebound = pad.contact(stiffness, restitution)
         pressed = np.array([pad.stiffness, stiffness]) ** (-2 / 3)  # m at 1 N; each stores 0.4 J/m of it
         assert together ** (-2 / 3) == pytest.approx(pressed.sum())
         lost = pressed @ [1.0 - pad.restitution**2, 1.0 - restitution**2]
@@ -50,7 +50,7 @@ def test_search_allows_for_more_than_the_tolerance():
 
     def loss(off):
         limits = Limits(0.125 * 5.0 / (350.0 * (1.0 - off)))
-        return objective(candidate, variables, 9.0, limits, SearchBudget(0.05, 100, population=4))(candidates)[0, 0]
+        return objective(candidate, variables, 9.0, limits, 0.05, 100, 4)(candidates)[0, 0]
 
     assert loss(0.055) - loss(0.5) == pytest.approx(PENALTY * (0.945 / 0.94 - 1.0), rel=0.2)  # 100 designs, not all
     assert loss(0.06) == loss(0.5)
@@ -79,8 +79,8 @@ def test_play_draws_each_design_within_its_tolerance():
     alone = ScenarioBatch.of("validation", None, Task().changed(design), threads=1).play(BlindProfile(PROFILE))
     assert (play(candidate, 0.0, "validation", {})["object_velocity"].to_numpy() == alone.object_velocity).all()
     assert (play(candidate, 0.05, "validation", {})["object_velocity"].to_numpy() != alone.object_velocity).all()
-    soft = play({**candidate, "pad": "neoprene"}, 0.0, "validation", {})
-    through_pad = on_pad("neoprene", alone.scenario["contact_stiffness"], alone.scenario["restitution"])
+    soft = play({**candidate, "material": "neoprene"}, 0.0, "validation", {})
+    through_pad = Pad.of("neoprene").contact(alone.scenario["contact_stiffness"], alone.scenario["restitution"])
     for name, values in zip(("contact_stiffness", "restitution"), through_pad, strict=True):
         assert soft[name].to_numpy() == pytest.approx(values)
 
@@ -88,16 +88,16 @@ def test_play_draws_each_design_within_its_tolerance():
 @pytest.fixture
 def small(tmp_path):
     spring = ("coupling.stiffness=20:200", "coupling.damping_ratio=0.2:2")
-    few = {"search": SearchBudget(scenarios=12, budget=8, population=8), "seeds": 1, "processes": 0, "against": ()}
+    few = {"scenarios": 12, "budget": 8, "population": 8, "seeds": 1, "processes": 0, "against": ()}
     return DesignOptions("linear-blind", spring, tmp_path / "out", times=(1.3, 1.0), **few)
 
 
 def test_stopped_study_continues_to_a_set_up_and_a_page(small):
-    options = small.checked()  # with sorted times
-    begun = StudyRun(study_of(options), StudyOptions(small.out, processes=0), "the command")
+    search = Search(small)
+    begun = StudyRun(search.study(), StudyOptions(small.out, processes=0), "the command")
     assert len(begun["searches"]) == 4  # stopped here
     design(small)
-    run = StudyRun(study_of(options), StudyOptions(small.out, processes=0))
+    run = StudyRun(search.study(), StudyOptions(small.out, processes=0))
     assert run["searches"].equals(begun["searches"])
     rows = pl.read_csv(small.out / "summary.csv")
     of_paper, *curve = rows.filter(pl.col("line").is_in([PAPER, CHOSEN]))[["approach_time", "object_velocity"]].rows()
@@ -111,7 +111,6 @@ def test_stopped_study_continues_to_a_set_up_and_a_page(small):
     (points,) = [line.get_xydata() for line in axes.lines if line.get_label() == "chosen design"]
     assert points == pytest.approx(np.array(curve))
 
-    search = Search(options)
     chosen = search.candidate(search.chosen(run))
     (cell,) = search.controllers(False, run)  # searched with the design as it may be built
     searched = cell.arguments["candidate"]["environment"]["coupling"]["stiffness"]
@@ -147,7 +146,7 @@ def test_front_penalises_lateness_excess_and_misses(small, played, seed):
 def test_loss_of_a_miss_is_the_environments_missed_cost(small):
     """A candidate that is too slow to touch the object has no V_p, and must not win."""
     candidate = replace(Search(small).candidate(PAPERS_RULE), environment=small.searched)
-    losses = objective(candidate, small.variables, 9.0, small.limits, small.search)
+    losses = objective(candidate, small.variables, 9.0, small.limits, small.tolerance, 12, 8)
     design = [float(variable.parameter().start) for variable in small.variables]
     gentle, never = [*design, 0.3, 8.0, 8.0], [*design, 0.01, 8.0, 8.0]
     touched, missed = losses(np.array([gentle, never] * 4)[:, None])[:2, 0]
