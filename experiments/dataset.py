@@ -28,7 +28,7 @@ from agents.baselines.tuned import read_tuned
 from agents.evaluate.play import controller_of
 from agents.policies import Controller, load_policy
 from agents.setups import FIXED, Setup, load_setup, shipped_baselines
-from experiments.play import try_files
+from experiments.play import attempts
 from impact_gym.envs import IDS
 from impact_gym.support.command_line import run_command
 from impact_gym.support.files import reason, write_file
@@ -156,8 +156,8 @@ def of_setup(options: DatasetOptions) -> Iterator[Any]:
 
 def of_tries(options: DatasetOptions) -> Any:
     """Write and return a dataset of persons' tries in the folder `options.source`."""
-    found = try_files.of_persons(Path(options.source), options.include_marked)
-    env = gym.make("impact_gym:ImpactTeleop-v0", **found[0].environment, operator=try_files.operator_of(found))
+    found = attempts.of_persons(Path(options.source), options.include_marked)
+    env = gym.make("impact_gym:ImpactTeleop-v0", **found[0].environment, operator=attempts.operator_of(found))
     name = f"impact/{found[0].setup}/person-v{options.version}"
 
     def again() -> Iterator[EpisodeBuffer]:
@@ -220,9 +220,9 @@ def work(options: DatasetOptions) -> None:
     if options.check:
         print(f"{options.source}: {check(options.source)} episodes replay exactly")
     elif options.operator is not None:
-        found = try_files.of_persons(Path(options.source), options.include_marked)
+        found = attempts.of_persons(Path(options.source), options.include_marked)
         # these values have the same form in JSON and in TOML
-        content = [f"{key} = {json.dumps(value)}\n" for key, value in try_files.operator_of(found).items()]
+        content = [f"{key} = {json.dumps(value)}\n" for key, value in attempts.operator_of(found).items()]
         write_file(options.operator, "".join(["[environment.operator]\n", *content]))
         print(f"{options.operator}: an operator that draws one of {len(found)} tries for each episode")
     else:

@@ -2,12 +2,12 @@
 const part = (id) => document.getElementById(id);
 const GENTLE = 0.01;  // m; a shorter slide is gentle
 const PAUSE = 500;  // ms after a try, in which arrow keys do not begin the next try
-const MOST_TRIES = 200;  // largest number of tries on the chart
+const MOST_ATTEMPTS = 200;  // largest number of attempts on the chart
 const BEAT = 60, LEAST = 6;  // ms, longest and shortest time between two messages
 const AHEAD_OF_EYES = 12;  // ms, assumed time between drawing a picture and its appearance on the screen
 const page = {
   hello: null, socket: null, stage: null, frame: null, came: 0, running: false, asked: false, player: false,
-  tries: [], sent: NaN, sentAt: 0, overAt: -Infinity, round: 0, played: null, playedRound: 0, film: 0,
+  attempts: [], sent: NaN, sentAt: 0, overAt: -Infinity, round: 0, played: null, playedRound: 0, film: 0,
 };
 const set_up = {};  // chosen settings, by name
 
@@ -60,11 +60,11 @@ function end() {
 
 // Return the assistance for a repetition of the last try: the brake, or none if the last try had an assistance.
 function otherHelp() {
-  return page.tries.length && page.tries[page.tries.length - 1].assist === "none" ? "brake" : "none";
+  return page.attempts.length && page.attempts[page.attempts.length - 1].assist === "none" ? "brake" : "none";
 }
 
 function again() {
-  if (page.tries.length) ask({...page.played || options(page.hello, set_up, page.round), assist: otherHelp()}, page.playedRound);
+  if (page.attempts.length) ask({...page.played || options(page.hello, set_up, page.round), assist: otherHelp()}, page.playedRound);
 }
 
 const stick = stickOf(part("stick"), {
@@ -116,10 +116,10 @@ function choose(changes) {
     toStick();
   });
   const help = part("help"), name = otherHelp() === "brake" ? "with the brake" : "without help";
-  const label = page.tries.length === 0 ? "Begin" : page.round < ROUNDS.length - 1 ? `Next: ${ROUNDS[page.round].name}` : "Again";
+  const label = page.attempts.length === 0 ? "Begin" : page.round < ROUNDS.length - 1 ? `Next: ${ROUNDS[page.round].name}` : "Again";
   part("go").replaceChildren(`${label} `);
   html("kbd", {}, part("go"), "Enter");
-  help.hidden = page.tries.length === 0;
+  help.hidden = page.attempts.length === 0;
   help.replaceChildren(`Again, ${name} `);
   html("kbd", {}, help, "B");
 }
@@ -136,7 +136,7 @@ function draw(now) {
   write("speed", `${Math.round(100 * speed)} cm/s`.replace("-", "\u2212"));
   write("clock", `${Math.max(about().horizon - frame.t, 0).toFixed(1)} s left`);
   frame.still = share >= 1;
-  if (frame.still && !page.running && page.tries.length) stage.result(page.tries[page.tries.length - 1].slide);
+  if (frame.still && !page.running && page.attempts.length) stage.result(page.attempts[page.attempts.length - 1].slide);
 }
 
 // Show the film of a try.
@@ -156,7 +156,7 @@ async function film(name) {
   }
 }
 
-// Write the slides of the film's tries into the result, such as 'You: 12.2 cm. Your hand, brake on: 0.1 mm.'
+// Write the slides of the film's attempts into the result, such as 'You: 12.2 cm. Your hand, brake on: 0.1 mm.'
 function summarise(slides) {
   const texts = Object.entries(slides).map(([who, slide], k) => {
     const name = k > 1 ? who.replace(/^Your hand, ./, (found) => found.slice(-1).toUpperCase()) : who;
@@ -167,7 +167,7 @@ function summarise(slides) {
 }
 
 function result(entry) {
-  const box = part("answer"), counted = page.tries.filter((each) => !each.missed && !each.marks.length);
+  const box = part("answer"), counted = page.attempts.filter((each) => !each.missed && !each.marks.length);
   const best = Math.min(...counted.map((each) => each.slide));
   box.hidden = false;
   box.replaceChildren();
@@ -185,9 +185,9 @@ function result(entry) {
 
 function tabulate() {
   part("rows").replaceChildren();
-  part("earlier").hidden = part("figure").hidden = page.tries.length === 0;
-  page.tries.slice(-50).reverse().forEach((each, k) => {
-    const row = html("tr", {}, part("rows")), number = page.tries.length - k;
+  part("earlier").hidden = part("figure").hidden = page.attempts.length === 0;
+  page.attempts.slice(-50).reverse().forEach((each, k) => {
+    const row = html("tr", {}, part("rows")), number = page.attempts.length - k;
     html("td", {class: "left"}, row, String(number));
     html("td", {class: "left"}, row, page.hello.assists[each.assist] + (each.marks.length ? `; ${each.marks.join("; ")}` : ""));
     html("td", {}, row, String(Math.round(1000 * each.delay)));
@@ -197,7 +197,7 @@ function tabulate() {
     const cell = html("td", {class: "left"}, row);
     html("button", {type: "button", "aria-label": `Watch try ${number}`}, cell, "watch").addEventListener("click", () => film(each.name));
   });
-  drawChart(part("chart"), page.tries, page.hello.assists);
+  drawChart(part("chart"), page.attempts, page.hello.assists);
 }
 
 function ready() {
@@ -207,8 +207,8 @@ function ready() {
 
 const HEARD = {
   hello(message) {
-    const round = message.tries.length ? ROUNDS.length - 1 : 0;
-    Object.assign(page, {hello: message, tries: message.tries, round});
+    const round = message.attempts.length ? ROUNDS.length - 1 : 0;
+    Object.assign(page, {hello: message, attempts: message.attempts, round});
     Object.assign(set_up, message.setups[message.setup].usual, {assist: message.assist, slow: 1, seen: false});
     choose({setup: message.setup, ...ROUNDS[page.round].sets});
     tabulate();
@@ -248,7 +248,7 @@ const HEARD = {
   ended(message) {
     const {entry} = message;
     over();
-    page.tries = [...page.tries, entry].slice(-MOST_TRIES);
+    page.attempts = [...page.attempts, entry].slice(-MOST_ATTEMPTS);
     if (page.frame) page.frame.still = false;
     const next = page.playedRound === page.round && page.round < ROUNDS.length - 1;
     if (next && !entry.missed && !entry.marks.length) choose(ROUNDS[++page.round].sets);

@@ -7,7 +7,6 @@ import secrets
 import socket
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from http import HTTPStatus
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from experiments.lab import player
-from experiments.play import contest, try_files
+from experiments.play import attempts, contest
 from experiments.play.clock import STOPPED
 from experiments.play.session import Session
 from impact_gym.support.validation import number
@@ -27,8 +26,8 @@ from impact_gym.support.validation import number
 HERE, LAB = Path(__file__).parent, Path(__file__).parents[1] / "lab"
 SCRIPTS = tuple(HERE / name for name in ("stage.js", "stick.js", "settings.js", "chart.js", "play.js"))
 HOST = "127.0.0.1"
-MAX_CLIENTS, MESSAGE_BYTES, RATE = 16, 512, 250.0  # limits: pages; bytes in a message; messages per second from a page
-TIME_LIMIT, FILM_LIMIT = 5.0, 60.0  # s, time limits: for a page to read a message; for the server to make a film
+MAX_PAGES, MESSAGE_BYTES, RATE = 16, 512, 250.0  # limits: pages; bytes in a message; messages per second from a page
+FILM_LIMIT = 60.0  # s, time limit for the server to make a film
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
     "img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
@@ -36,41 +35,6 @@ HEADERS = {
     "Cross-Origin-Opener-Policy": "same-origin", "Cross-Origin-Resource-Policy": "same-origin", "Connection": "close",
 }  # fmt: skip
 RESTART = 1012  # code with which the server closes a connection when the server stops
-
-
-class Client:
-    """A connected page, with a queue of messages to the page and a limit on the rate of messages from the page."""
-
-    def __init__(self, socket: server.ServerConnection, now: Callable[[], float]) -> None:
-        self.socket, self._queue, self._has_messages = socket, list[dict[str, Any]](), asyncio.Event()
-        self._now, self._allowance, self._last_message = now, RATE, now()
-
-    def enqueue(self, message: dict[str, Any]) -> None:
-        """Queue a message. A frame replaces the last message in the queue if that message is a frame, too."""
-        if message["kind"] == "frame" and self._queue and self._queue[-1]["kind"] == "frame":
-            self._queue.pop()
-        self._queue.append(message)
-        self._has_messages.set()
-
-    async def send(self) -> None:
-        """Send queued messages until the page disconnects or does not read."""
-        with suppress(TimeoutError, ConnectionClosed):
-            while await self._has_messages.wait():
-                self._has_messages.clear()
-                while self._queue:
-                    await asyncio.wait_for(self.socket.send(json.dumps(self._queue.pop(0))), TIME_LIMIT)
-
-    async def receive(self) -> Any:
-        """Return the next message from the page. ValueError: it is not JSON, or messages arrive faster than RATE."""
-        try:
-            message = json.loads(await self.socket.recv())
-        except (ValueError, RecursionError):
-            raise ValueError("a message must be JSON") from None
-        before, self._last_message = self._last_message, self._now()
-        self._allowance = min(self._allowance + RATE * (self._last_message - before), RATE) - 1.0
-        if self._allowance < 0.0:
-            raise ValueError(f"more than {RATE:g} messages a second")
-        return message
 
 
 def foreign(request: Request, token: str, port: int) -> str | None:
@@ -83,6 +47,14 @@ def foreign(request: Request, token: str, port: int) -> str | None:
         return "another origin"
     given = f"{request.path.partition('?')[0]}/".split("/")[1]  # added "/": the path of `OPTIONS *` has none
     return None if secrets.compare_digest(given, token) else "another token"
+
+
+def parsed(text: str | bytes) -> Any:
+    """Return the content of a message; ValueError: it is not JSON."""
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError):
+        raise ValueError("a message must be JSON") from None
 
 
 def reply(status: int, text: str, kind: str = "text/plain") -> Response:
@@ -112,35 +84,40 @@ class Site:
             return reply(405, "only GET\n")
         kind, _, name = request.path.partition("?")[0].removeprefix(f"/{self.token}/").partition("/")
         if kind == "ws":
-            full = len(self.session.clients) >= MAX_CLIENTS
-            return reply(503, f"at most {MAX_CLIENTS} pages\n") if full else None
+            full = len(self.session.pages) >= MAX_PAGES
+            return reply(503, f"at most {MAX_PAGES} pages\n") if full else None
         if kind in self.files and not name:
             return reply(200, *self.files[kind])
         if kind != "film":
             return reply(404, "not found\n")
         try:
             path = self.session.folder / f"{unquote(name)}.json"
-            film = await asyncio.to_thread(lambda: contest.film(contest.again(try_files.read(path))))
+            film = await asyncio.to_thread(lambda: contest.film(contest.again(attempts.read(path))))
         except (OSError, RuntimeError, ValueError, TypeError, LookupError) as problem:
             return reply(404, str(problem))
         return reply(200, json.dumps(film), "application/json")
 
     async def serve_page(self, page: server.ServerConnection) -> None:
-        """Exchange messages with a page until it disconnects, does not read, or sends an invalid message."""
-        session, client, why = self.session, Client(page, self.now), "the page was closed"
-        session.join(client)
-        sender = asyncio.create_task(client.send())
+        """Exchange messages with a page until it disconnects or sends an invalid message, or messages too fast."""
+
+        def send(message: dict[str, Any]) -> None:
+            server.broadcast([page], json.dumps(message))
+
+        why, allowance, last = "the page was closed", RATE, self.now()
+        self.session.join(send)
         try:
-            while not sender.done():
-                session.handle(client, await client.receive())
-            why = "the page did not read"
+            while True:
+                text, before, last = await page.recv(), last, self.now()
+                allowance = min(allowance + RATE * (last - before), RATE) - 1.0
+                if allowance < 0.0:
+                    raise ValueError(f"more than {RATE:g} messages a second")
+                self.session.handle(send, parsed(text))
         except ValueError as problem:
             why = str(problem).partition(", got ")[0][:120]  # leave out text that the page sent
         except ConnectionClosed as gone:
             why = STOPPED if gone.sent and gone.sent.code == RESTART else why
         finally:
-            session.leave(client, why)
-            sender.cancel()
+            self.session.leave(send, why)
         await page.close(1008, why)
 
 

@@ -1,4 +1,4 @@
-"""The session checks messages of pages, and forwards messages of the clock (the process that runs tries) to pages."""
+"""The session checks messages of pages, and forwards messages of the clock (the process that plays) to the pages."""
 
 import asyncio
 import secrets
@@ -10,39 +10,43 @@ from pathlib import Path
 from typing import Any
 
 from agents.setups import Setup
-from experiments.play import clock, try_files
+from experiments.play import attempts, clock
 from experiments.play.assistance import NAMES, RANGES, about, assistance, playable, record_of, related
-from experiments.play.tries import Try
 from impact_gym.support.files import locked
 from impact_gym.support.validation import choice, flag, identifier, number, one_of
 
-MAX_ON_CHART = 200  # largest number of tries on the chart
+MAX_ON_CHART = 200  # largest number of attempts on the chart
+Page = Callable[[dict[str, Any]], object]
+"""A connected page: a function that sends a message to it."""
 
 
 class Session:
-    """All pages (one page steers the tool) and the try in progress, if there is one."""
+    """All pages (one page steers the tool) and the attempt in progress, if there is one."""
 
     def __init__(self, setup: Setup, assist: str, folder: Path, start: Callable[[], Any] = clock.start) -> None:
-        """Read the tries in `folder`, `start` the clock; ValueError: no such assistance, or the folder is in use."""
+        """Read the attempts in `folder`, `start` the clock; ValueError: no such assistance, or the folder is in use."""
         assistance(assist, setup)
         self._lock = ExitStack()  # the clock's process inherits the lock
         self._lock.enter_context(locked(folder / ".lock", wait=False))
         self.setup, self.assist, self.folder = setup.called, assist, folder
-        self.clients: list[Any] = []  # connected pages; the first page steers
+        self.pages: list[Page] = []  # the first page steers
         self.setups = {name: about(playable(name)) for name in related(setup).values()}
-        self.busy, self._speeds = False, (-1.0, 1.0)  # whether a try is in progress; velocity range of the arm, m/s
+        self.busy, self._speeds = (
+            False,
+            (-1.0, 1.0),
+        )  # whether an attempt is in progress; velocity range of the arm, m/s
         self._seen_at, self._newest = 0.0, -1  # s, latest time for sending a frame; number of the newest sent frame
         self.history: deque[dict[str, Any]] = deque(maxlen=MAX_ON_CHART)
         self.left_out = list[str]()  # reasons for which .json files are left out
         for path in sorted(folder.glob("*.json")):
             try:
                 name = identifier(f"name of {path}", path.stem)
-                self.history.append(clock.entry_of(name, try_files.read(path)))
+                self.history.append(clock.entry_of(name, attempts.read(path)))
             except ValueError as problem:
                 self.left_out.append(str(problem))
         self.pipe, self._join_clock = start()
 
-    def handle(self, client: Any, message: Any) -> None:
+    def handle(self, page: Page, message: Any) -> None:
         """Handle a message of a page; ValueError: the message is invalid."""
         one_of("message", message, dict)
         if len(message) != 1:
@@ -51,14 +55,14 @@ class Session:
         choice("message", word, ("v", "begin", "done", "take"))
         if word == "take":
             self._send("stop", "another tab took the stick")
-            self.clients.sort(key=lambda each: each is not client)
+            self.pages.sort(key=lambda each: each is not page)
             self._send_roles()
-        elif client is not self.clients[0]:
+        elif page is not self.pages[0]:
             return  # only the first page steers
         elif word == "v":
-            share = number("v", value, "(of full speed)", at_least=-1.0, at_most=1.0)
-            if self.busy:  # the clock keeps all inputs of a try
-                self._send("v", abs(share) * self._speeds[share >= 0.0])
+            stick = number("v", value, "(of full speed)", at_least=-1.0, at_most=1.0)
+            if self.busy:  # the clock keeps all inputs of an attempt
+                self._send("v", abs(stick) * self._speeds[stick >= 0.0])
         elif word == "done":
             self._send("stop", "")
         elif not self.busy:
@@ -70,39 +74,40 @@ class Session:
         choice("assist", options.get("assist"), list(NAMES))
         flag("seen", options.get("seen"))
         chosen, settings = self.setups[options["setup"]], {}
-        for name, at in chosen["usual"].items():
+        for name, usual in chosen["usual"].items():
             unit, low, high = RANGES[name]
-            settings[name] = number(name, options.get(name, at), unit, at_least=low, at_most=high)
-        slow = number("slow", options.get("slow"), "(times)", at_least=1.0, at_most=try_files.SLOWEST)
-        record, place = record_of(settings), options.get("distance")
-        if place is not None:  # without a distance in the record, the distance is drawn
+            settings[name] = number(name, options.get(name, usual), unit, at_least=low, at_most=high)
+        slow = number("slow", options.get("slow"), "(times)", at_least=1.0, at_most=attempts.SLOWEST)
+        record = record_of(settings)
+        if (distance := options.get("distance")) is not None:  # without a distance in the record, the distance is drawn
             near, far = chosen["distance"]
-            record["distance"] = number("distance", place, "m", at_least=near, at_most=far)
+            record["distance"] = number("distance", distance, "m", at_least=near, at_most=far)
         self._speeds, self._newest, self.busy = chosen["speeds"], -1, True
-        wanted = Try(options["setup"], options["assist"], secrets.randbelow(2**31), record, slow=slow)
-        self._send("play", (wanted, self.folder / f"{datetime.now():%Y%m%d-%H%M%S-%f}.json", options["seen"]))
+        seed, path = secrets.randbelow(2**31), self.folder / f"{datetime.now():%Y%m%d-%H%M%S-%f}.json"
+        wanted = attempts.Attempt(options["setup"], options["assist"], seed, record, slow=slow)
+        self._send("play", (wanted, path, options["seen"]))
 
-    def join(self, client: Any) -> None:
-        """Add a page; send set-ups, assistances, RANGES and earlier tries to this page."""
-        self.clients.append(client)
-        client.enqueue({
+    def join(self, page: Page) -> None:
+        """Add a page; send set-ups, assistances, RANGES and earlier attempts to this page."""
+        self.pages.append(page)
+        page({
             "kind": "hello", "setups": self.setups, "setup": self.setup, "assists": NAMES, "assist": self.assist,
-            "tries": list(self.history), **{name: limits for name, (_, *limits) in RANGES.items()},
+            "attempts": list(self.history), **{name: limits for name, (_, *limits) in RANGES.items()},
         })  # fmt: skip
         self._send_roles()
 
-    def leave(self, client: Any, why: str) -> None:
+    def leave(self, page: Page, why: str) -> None:
         """Remove a page, for the reason `why`; if this page steered, the arm stops."""
-        if client is self.clients[0]:
+        if page is self.pages[0]:
             self._send("stop", why)
-        self.clients.remove(client)
+        self.pages.remove(page)
         self._send_roles()
 
     def _send_roles(self) -> None:
-        for client in self.clients:
-            client.enqueue({"kind": "role", "player": client is self.clients[0], "others": len(self.clients) - 1})
+        for page in self.pages:
+            page({"kind": "role", "player": page is self.pages[0], "others": len(self.pages) - 1})
 
-    def _send(self, word: str, value: Any = None) -> None:
+    def _send(self, word: str, value: Any) -> None:
         with suppress(OSError):
             self.pipe.send((word, value))
 
@@ -117,7 +122,7 @@ class Session:
             self._forward({"kind": "failed", "text": "the clock has stopped: start impact-gym play again"})
 
     def schedule(self, message: dict[str, Any], loop: Any) -> None:
-        """Let `loop` forward a frame of the clock after the frame's delay, and a try's result after the last frame."""
+        """Let `loop` forward a frame of the clock after the frame's delay, and a result after the last frame."""
         at = loop.time() + message.pop("wait", 0.0)
         if message["kind"] == "frame":
             self._seen_at = max(self._seen_at, at)
@@ -127,21 +132,22 @@ class Session:
 
     def _forward(self, message: dict[str, Any]) -> None:
         """Send a message to all pages, except a frame that is not newer than the last one."""
-        if message["kind"] == "frame":
+        kind = message["kind"]
+        if kind == "frame":
             if message["n"] <= self._newest:
                 return
             self._newest = message["n"]
             if message["touched"]:
-                self._send("touched")
-        elif message["kind"] in ("ended", "failed"):
+                self._send("touched", None)
+        elif kind in ("ended", "failed"):
             self.busy = False
-        if message["kind"] == "ended":
+        if kind == "ended":
             self.history.append(message["entry"])
-        for client in self.clients:
-            client.enqueue(message)
+        for page in self.pages:
+            page(message)
 
     def close(self) -> None:
-        """Stop the clock, which saves the try in progress, and release the folder."""
+        """Stop the clock, which saves the attempt in progress, and release the folder."""
         self.pipe.close()
         self._join_clock(20.0)
         self._lock.close()

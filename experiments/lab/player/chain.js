@@ -1,6 +1,6 @@
 // Picture of flange, coupling, tool and object. Positions are to scale; sizes of the bodies are assumed.
 const TOOL = {length: 0.034, height: 0.03}, FLANGE = {length: 0.016, height: 0.052}, CLEARANCE = 0.004;  // m
-const LOUPE = {width: 166, height: 74};
+const MAGNIFIER = {width: 166, height: 74};
 const BEHIND = 0.02, NEAR = 0.1, AHEAD = 106;  // space behind the robot (m), before the object in a compact film (m), for the speed (pixels)
 
 function massText(scene) {
@@ -21,7 +21,7 @@ function viewOf(scene, width) {
   const scale = (width - AHEAD) / (right - left);
   const above = Math.max(scene.radius, 0.5 * FLANGE.height, most("height") + 0.006) * scale + 8;
   const below = Math.max(scene.radius * scale + (massFits(scene, scale) ? 0 : 13), 0.5 * FLANGE.height * scale) + 6;
-  const axis = (scene.compact ? 22 : LOUPE.height + 14) + Math.max(above, 30);
+  const axis = (scene.compact ? 22 : MAGNIFIER.height + 14) + Math.max(above, 30);
   return {left, scale, width, axis, ground: axis + Math.max(below, 26), height: axis + Math.max(below, 26) + 36,
           x: (position) => (position - left) * scale};
 }
@@ -132,7 +132,7 @@ function drawChain(svg, scene, run, view) {
   const speedText = node("text", {class: "igw-strong igw-object-text", y: y - 9}, svg);
   const moved = node("path", {class: "igw-moved"}, svg);
   const movedText = node("text", {class: "igw-strong igw-object-text", y: view.ground + 33}, svg);
-  const loupe = scene.compact ? () => {} : drawLoupe(svg, scene, view);
+  const magnifier = scene.compact ? () => {} : drawMagnifier(svg, scene, view);
   return (state, seen) => {
     for (const each of [seenTool, seenBall]) show(each, seen);
     if (seen) {  // the delayed state that the operator sees
@@ -177,6 +177,6 @@ function drawChain(svg, scene, run, view) {
       set(movedText, {x: clamp(0.5 * (home + face), 90, view.width - 90), "text-anchor": "middle"});
       movedText.textContent = `${centimetres(far)} from its start (dashed)`;
     }
-    loupe(state, at);
+    magnifier(state, at);
   };
 }
