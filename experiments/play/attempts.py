@@ -12,8 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from experiments.lab.player.films import ended_history
 from experiments.play.assistance import NAMES, PERIOD, PERSON, RANGES, assistance, environment_of, playable
 from impact_gym.envs.batch import Batch, Bodies
+from impact_gym.envs.single import TRACE_POINTS
 from impact_gym.render.film import History
 from impact_gym.support.files import parsed, write_file
 from impact_gym.support.provenance import circumstances, revision
@@ -24,7 +26,6 @@ from impact_gym.task import Task
 AGREES = 0.01  # largest relative difference that late steps may make in an attempt that counts, see `timed_right`
 BUSY = "this computer was too busy; the try was not timed right: close other programs"  # mark of the other attempts
 RESULTS = "object_velocity", "slide", "peak_force", "touch_time", "done_time", "taken", "missed"
-TRACE_POINTS = 1 << 18
 ROUNDING = 1e-6  # allowed rounding error of times, as a fraction of a control period
 SLOWEST = 16.0  # largest `Attempt.slow`
 MAX_TEXT, MAX_NUMBER = 4096, 2.0**64  # limits: characters of set-up and marks together; absolute value of a number
@@ -56,7 +57,7 @@ def advance(batch: Batch, action: ArrayLike) -> None:
 
 def replayed(this: Attempt) -> History:
     """Play an attempt again, and return its history; RuntimeError: the actions end before the episode."""
-    batch = Batch(1, Task(**this.environment, operator=this.operator), threads=1, trace_points=TRACE_POINTS)
+    batch = Batch(1, Task(**this.environment, operator=this.operator), threads=1, trace_points=8 * TRACE_POINTS)
     batch.begin_seeded(this.seed, this.record)
     for action in this.actions:
         if batch.ended[0]:
@@ -64,7 +65,7 @@ def replayed(this: Attempt) -> History:
         advance(batch, action)
     if not batch.ended[0]:
         raise RuntimeError("the try does not end at its last action: the environment has changed since it was recorded")
-    return History(batch.trace(0), batch.info(0), batch.tasks[0], batch.episode_state(0), ended=True)
+    return ended_history(batch)
 
 
 @cache

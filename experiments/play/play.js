@@ -212,17 +212,12 @@ const HEARD = {
     Object.assign(set_up, message.setups[message.setup].usual, {assist: message.assist, slow: 1, seen: false});
     choose({setup: message.setup, ...ROUNDS[page.round].sets});
     tabulate();
-  },
-  role(message) {
-    page.player = message.player;
-    mode("watching", !message.player);
-    if (!message.player) {
-      banner("Another tab has the stick. You are watching.", "Take the stick", () => send({take: 1}));
-    } else {
-      banner(message.others ? `You have the stick; ${message.others} more ${message.others > 1 ? "tabs are" : "tab is"} watching.` : "");
-      write("state", "hold \u2192, or drag the stick");
-    }
+    page.player = true;
+    write("state", "hold \u2192, or drag the stick");
     ready();
+  },
+  taken() {
+    page.socket.close(4000, "another tab took the stick");
   },
   began(message) {
     Object.assign(page, {running: true, asked: false, frame: null});
@@ -286,7 +281,7 @@ function connect() {
     page.player = false;
     over();
     const retry = event.code !== 1012 && event.code !== 1006;
-    banner(retry ? `The server closed the connection: ${event.reason || "no reason given"}.`
+    banner(retry ? `The connection was closed: ${event.reason || "no reason given"}.`
       : "The server has stopped; the tries that ended are kept. Start it again, then open the address that it prints.",
       retry ? "Connect again" : "", connect);
   });

@@ -26,7 +26,7 @@ from impact_gym.support.validation import number
 HERE, LAB = Path(__file__).parent, Path(__file__).parents[1] / "lab"
 SCRIPTS = tuple(HERE / name for name in ("stage.js", "stick.js", "settings.js", "chart.js", "play.js"))
 HOST = "127.0.0.1"
-MAX_PAGES, MESSAGE_BYTES, RATE = 16, 512, 250.0  # limits: pages; bytes in a message; messages per second from a page
+MESSAGE_BYTES, RATE = 512, 250.0  # limits: bytes in a message; messages per second from a page
 FILM_LIMIT = 60.0  # s, time limit for the server to make a film
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
@@ -84,8 +84,7 @@ class Site:
             return reply(405, "only GET\n")
         kind, _, name = request.path.partition("?")[0].removeprefix(f"/{self.token}/").partition("/")
         if kind == "ws":
-            full = len(self.session.pages) >= MAX_PAGES
-            return reply(503, f"at most {MAX_PAGES} pages\n") if full else None
+            return None
         if kind in self.files and not name:
             return reply(200, *self.files[kind])
         if kind != "film":

@@ -1,4 +1,4 @@
-"""The session checks messages of pages, and forwards messages of the clock (the process that plays) to the pages."""
+"""The session checks messages of the page, and forwards messages of the clock (the process that plays) to the page."""
 
 import asyncio
 import secrets
@@ -17,11 +17,11 @@ from impact_gym.support.validation import choice, flag, identifier, number, one_
 
 MAX_ON_CHART = 200  # largest number of attempts on the chart
 Page = Callable[[dict[str, Any]], object]
-"""A connected page: a function that sends a message to it."""
+"""A function that sends a message to a page."""
 
 
 class Session:
-    """All pages (one page steers the tool) and the attempt in progress, if there is one."""
+    """The page that steers, which is the one opened last, and the attempt in progress, if there is one."""
 
     def __init__(self, setup: Setup, assist: str, folder: Path, start: Callable[[], Any] = clock.start) -> None:
         """Read the attempts in `folder`, `start` the clock; ValueError: no such assistance, or the folder is in use."""
@@ -29,7 +29,7 @@ class Session:
         self._lock = ExitStack()  # the clock's process inherits the lock
         self._lock.enter_context(locked(folder / ".lock", wait=False))
         self.setup, self.assist, self.folder = setup.called, assist, folder
-        self.pages: list[Page] = []  # the first page steers
+        self.page: Page | None = None
         self.setups = {name: about(playable(name)) for name in related(setup).values()}
         self.busy, self._speeds = (
             False,
@@ -52,14 +52,10 @@ class Session:
         if len(message) != 1:
             raise ValueError("a message must have one key")
         ((word, value),) = message.items()
-        choice("message", word, ("v", "begin", "done", "take"))
-        if word == "take":
-            self._send("stop", "another tab took the stick")
-            self.pages.sort(key=lambda each: each is not page)
-            self._send_roles()
-        elif page is not self.pages[0]:
-            return  # only the first page steers
-        elif word == "v":
+        choice("message", word, ("v", "begin", "done"))
+        if page is not self.page:
+            return
+        if word == "v":
             stick = number("v", value, "(of full speed)", at_least=-1.0, at_most=1.0)
             if self.busy:  # the clock keeps all inputs of an attempt
                 self._send("v", abs(stick) * self._speeds[stick >= 0.0])
@@ -88,24 +84,21 @@ class Session:
         self._send("play", (wanted, path, options["seen"]))
 
     def join(self, page: Page) -> None:
-        """Add a page; send set-ups, assistances, RANGES and earlier attempts to this page."""
-        self.pages.append(page)
+        """Let a page steer; send set-ups, assistances, RANGES and earlier attempts to this page."""
+        if self.page:
+            self.page({"kind": "taken"})
+            self._send("stop", "another tab took the stick")
+        self.page = page
         page({
             "kind": "hello", "setups": self.setups, "setup": self.setup, "assists": NAMES, "assist": self.assist,
             "attempts": list(self.history), **{name: limits for name, (_, *limits) in RANGES.items()},
         })  # fmt: skip
-        self._send_roles()
 
     def leave(self, page: Page, why: str) -> None:
         """Remove a page, for the reason `why`; if this page steered, the arm stops."""
-        if page is self.pages[0]:
+        if page is self.page:
             self._send("stop", why)
-        self.pages.remove(page)
-        self._send_roles()
-
-    def _send_roles(self) -> None:
-        for page in self.pages:
-            page({"kind": "role", "player": page is self.pages[0], "others": len(self.pages) - 1})
+            self.page = None
 
     def _send(self, word: str, value: Any) -> None:
         with suppress(OSError):
@@ -131,7 +124,7 @@ class Session:
         loop.call_at(at, self._forward, message)
 
     def _forward(self, message: dict[str, Any]) -> None:
-        """Send a message to all pages, except a frame that is not newer than the last one."""
+        """Send a message to the page, except a frame that is not newer than the last one."""
         kind = message["kind"]
         if kind == "frame":
             if message["n"] <= self._newest:
@@ -143,8 +136,8 @@ class Session:
             self.busy = False
         if kind == "ended":
             self.history.append(message["entry"])
-        for page in self.pages:
-            page(message)
+        if self.page:
+            self.page(message)
 
     def close(self) -> None:
         """Stop the clock, which saves the attempt in progress, and release the folder."""

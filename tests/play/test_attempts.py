@@ -1,4 +1,4 @@
-"""Whole attempts on simulated time: the clock that plays them, the stick, the pages of a session, and the attempts' files."""
+"""Whole attempts on simulated time: the clock that plays them, the stick, the pages of a session, and the files."""
 
 import json
 import math
@@ -35,7 +35,7 @@ def test_each_step_and_each_picture_comes_when_it_is_due(world, slow):
 def scripted(world, naps, pushes):
     """Play a try with pushes (share of full speed) and naps of the clock (s), both by their times (s)."""
     page, naps, begun = Page(world), dict(naps), world.now
-    world.session.pages = [page]
+    world.session.page = page
     for at, share in pushes.items():
         world.call_at(begun + at, lambda share=share: page.say(v=share))
     world.overslept = lambda: next((naps.pop(at) for at in [*naps] if world.now - begun >= at), 0.0)
@@ -99,23 +99,21 @@ def test_try_is_kept_until_a_full_disk_has_room(world, monkeypatch):
 
 
 @pytest.mark.parametrize("why", ["another tab took the stick", "the page was closed"])
-def test_second_tab_watches_and_may_take_the_stick(world, why):
-    pages = first, second, _ = [Page(world) for _ in range(3)]
-    roles = [[(role["player"], role["others"]) for role in page.got("role")] for page in pages]
-    assert roles == [[(True, 0), (True, 1), (True, 2)], [(False, 1), (False, 2)], [(False, 2)]]
+def test_newest_tab_has_the_stick_and_stops_the_others_try(world, why):
+    first, others = Page(world), []
 
     def steer(frame):
         first.say(v=0.5)
-        second.say(v=1.0)  # who watches has no stick
         first.say(begin={})  # there is a try already
         if frame["n"] == 10:
-            second.say(take=1) if "tab" in why else world.session.leave(first, why)
+            others.append(Page(world)) if "tab" in why else world.session.leave(first, why)
 
     this = world.play(first, steer)
     assert (this.marks, {*this.operator["velocity"]}) == ([f"interrupted: {why}"], {0.0, 0.25})
-    assert [page.got("role")[-1]["player"] for page in pages] == ["tab" not in why, True, False]
-    first.steer = lambda frame: None
-    assert world.play(second, second.push).marks == []
+    assert len(first.got("taken")) == ("tab" in why)
+    world.session.leave(first, "the page was closed")
+    (second,) = others or [Page(world)]
+    assert (world.session.page, world.play(second, second.push).marks) == (second, [])
 
 
 def test_object_is_shown_where_seen_or_touched_or_at_the_end(world):
