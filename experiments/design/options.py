@@ -55,8 +55,8 @@ class DesignOptions:
     """Set-ups whose couplings are compared with the design. The command searches for a controller for each of
     these couplings."""
     seeds: int = 2
-    """Number of searches for a design at each approach time, each with another seed. The command takes the design that
-    is best on the validation set."""
+    """Number of searches for a design at each approach time, each with another seed. The command takes the design with
+    the lowest loss."""
     processes: int = 2
     """Number of searches at the same time, each on one core. 0: the searches run in this process."""
 

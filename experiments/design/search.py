@@ -151,14 +151,14 @@ def search(
     return [{**found, "loss": float(best.loss[0])}]
 
 
-def play(candidate: Mapping[str, Any], tolerance: float, name: str, limits: Mapping[str, Any]) -> pl.DataFrame:
-    """Play a candidate on the evaluation set `name`; return a row for each scenario.
+def play(candidate: Mapping[str, Any], tolerance: float, limits: Mapping[str, Any]) -> pl.DataFrame:
+    """Play a candidate on the test set; return a row for each scenario.
 
     `candidate` and `limits` have the fields of `Candidate` and `Limits`. In each scenario, each number of the design
     has a relative error of at most `tolerance`. All rows have the same `excess`: `Limits.excess` of all scenarios.
     """
     player = Candidate(**candidate)
-    stage = ScenarioBatch.of(name, None, player.task.changed(as_built(player.design, tolerance)), threads=1)
+    stage = ScenarioBatch.of("test", None, player.task.changed(as_built(player.design, tolerance)), threads=1)
     travel = Travel(stage.count)
     played = stage.play(player.controller(), player.contact(stage), travel)
     columns = {name: getattr(played, name) for name in RESULTS} | played.scenario

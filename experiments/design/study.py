@@ -1,8 +1,8 @@
-"""The study of `impact-gym design`: searches, choice on the validation set, results on the test set.
+"""The study of `impact-gym design`: searches, choice, results on the test set.
 
-For each approach time, `front` takes the design (of any seed) with the lowest cost on the validation set. The chosen
-design is the front's design at the approach time nearest to that of the paper's rule. For each other approach time, the
-study searches for a new controller for the chosen design. No choice uses the test set.
+For each approach time, `front` takes the design (of any seed) with the lowest loss in its search. The chosen design is
+the front's design at the approach time nearest to that of the paper's rule. For each other approach time, the study
+searches for a new controller for the chosen design. No choice uses the test set.
 """
 
 import json
@@ -18,9 +18,8 @@ from agents.baselines.tuned import read_tuned
 from agents.evaluate.scenario_batch import TUNING_SEED, ScenarioBatch
 from experiments.design.findings import ENTRY, analyse
 from experiments.design.options import CHOSEN, FRONT, PAPER, SPRING, DesignOptions
-from experiments.design.search import MARGIN, PENALTY, Candidate, Limits, play, search
+from experiments.design.search import MARGIN, Candidate, Limits, play, search
 from experiments.design.variables import as_built
-from experiments.lab import grid
 from experiments.lab.study import Cell, Frames, Measurement, Study
 from impact_gym.couplings import Bistable
 
@@ -47,7 +46,6 @@ class Search:
         """Return the study."""
         return Study("design", f"Which coupling is best for {self.options.arm.name}?", (
             Measurement("searches", self.searches, search, DEPENDS),
-            Measurement("validation", self.validation, play, DEPENDS),
             Measurement("controllers", self.controllers, search, DEPENDS),
             Measurement("designs", self.designs, play, DEPENDS),
         ), partial(analyse, self.options), ("cma",))  # fmt: skip
@@ -76,10 +74,6 @@ class Search:
             for k in range(count)
         )
 
-    def validation(self, _: bool, frames: Frames) -> Iterator[Cell]:
-        """Yield cells that play the paper's rule and the designs of all seeds on the validation set."""
-        yield from self._played([PAPERS_RULE, *frames["searches"].filter(line=FRONT).to_dicts()], "validation")
-
     def controllers(self, _: bool, frames: Frames) -> Iterator[Cell]:
         """Yield cells that search for the chosen design's controller at each approach time except `typical`."""
         chosen = {**self.chosen(frames), "seed": 1}
@@ -92,7 +86,11 @@ class Search:
         again = frames["controllers"].to_dicts() if "controllers" in frames else []
         curve = [chosen, *({**row, "design": chosen["design"]} for row in again)]
         compared = frames["searches"].filter(pl.col("line") != FRONT).to_dicts()
-        yield from self._played([PAPERS_RULE, *self.front(frames), *curve, *compared], "test")
+        for row in (PAPERS_RULE, *self.front(frames), *curve, *compared):
+            candidate = self.candidate(row)
+            labels = {**row, "rule": candidate.rule}
+            arguments = {"candidate": asdict(candidate), "tolerance": self.options.tolerance}
+            yield Cell({column: labels[column] for column in ENTRY}, {**arguments, "limits": self._limits(row)})
 
     def chosen(self, frames: Frames) -> Row:
         """Return the front's design at the approach time `typical`."""
@@ -100,18 +98,9 @@ class Search:
         return {**row, "line": CHOSEN}
 
     def front(self, frames: Frames) -> list[Row]:
-        """Return for each approach time the design with the lowest cost on the validation set."""
-        played = dict(grid.groups(frames["validation"], "line", "allowed", "seed"))
-        paper: Any = played[PAPER, 1.0, 1]["approach_time"].mean()
-        velocity = pl.when("missed").then(grid.missed_cost(self.options.searched)).otherwise("object_velocity")
-
-        def cost(row: Row) -> float:
-            late = (pl.mean("approach_time") / (row["allowed"] * paper) - 1.0).clip(0.0)
-            each = velocity.mean() + PENALTY * (late + pl.mean("excess"))
-            return float(played[FRONT, row["allowed"], row["seed"]].select(each).item())
-
-        found = frames["searches"].filter(line=FRONT).to_dicts()
-        return [min((row for row in found if row["allowed"] == time), key=cost) for time in self.options.times]
+        """Return for each approach time the design with the lowest loss."""
+        best = frames["searches"].filter(line=FRONT).sort("allowed", "loss")
+        return best.unique("allowed", keep="first", maintain_order=True).to_dicts()
 
     def _searched(self, rows: Iterable[Row]) -> Iterator[Cell]:
         options, papers_rule = self.options, self.candidate(PAPERS_RULE)
@@ -126,15 +115,6 @@ class Search:
                 "variables": list(map(list, variables)), "approach_time": time,
                 "limits": self._limits(row), "tolerance": options.tolerance, "scenarios": options.scenarios,
                 "budget": options.budget, "population": options.population, "seed": row["seed"],
-            })  # fmt: skip
-
-    def _played(self, rows: Iterable[Row], name: str) -> Iterator[Cell]:
-        for row in rows:
-            candidate = self.candidate(row)
-            labels = {**row, "rule": candidate.rule}
-            yield Cell({column: labels[column] for column in ENTRY}, {
-                "candidate": asdict(candidate), "limits": self._limits(row), "name": name,
-                "tolerance": self.options.tolerance,
             })  # fmt: skip
 
     def _limits(self, row: Row) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Designs: laws of pads and of a tool in flight, limits, and the study, which continues and chooses by validation."""
+"""Designs: laws of pads and of a tool in flight, limits, and the study, which continues and chooses by loss."""
 
 import re
 from dataclasses import asdict, replace
@@ -76,10 +76,10 @@ def test_play_draws_each_design_within_its_tolerance():
     design = {"coupling.stiffness": 80.0, "coupling.damping_ratio": 0.4}
     assert as_built({"coupling.rear_stop": -0.02}, 0.05) == {"coupling.rear_stop": pytest.approx([-0.021, -0.019])}
     candidate = asdict(Candidate({}, "BlindProfile", PROFILE, design))
-    alone = ScenarioBatch.of("validation", None, Task().changed(design), threads=1).play(BlindProfile(PROFILE))
-    assert (play(candidate, 0.0, "validation", {})["object_velocity"].to_numpy() == alone.object_velocity).all()
-    assert (play(candidate, 0.05, "validation", {})["object_velocity"].to_numpy() != alone.object_velocity).all()
-    soft = play({**candidate, "material": "neoprene"}, 0.0, "validation", {})
+    alone = ScenarioBatch.of("test", None, Task().changed(design), threads=1).play(BlindProfile(PROFILE))
+    assert (play(candidate, 0.0, {})["object_velocity"].to_numpy() == alone.object_velocity).all()
+    assert (play(candidate, 0.05, {})["object_velocity"].to_numpy() != alone.object_velocity).all()
+    soft = play({**candidate, "material": "neoprene"}, 0.0, {})
     through_pad = Pad.of("neoprene").contact(alone.scenario["contact_stiffness"], alone.scenario["restitution"])
     for name, values in zip(("contact_stiffness", "restitution"), through_pad, strict=True):
         assert soft[name].to_numpy() == pytest.approx(values)
@@ -121,33 +121,26 @@ def test_stopped_study_continues_to_a_set_up_and_a_page(small):
     assert setup.training == load_setup("linear-blind").training
 
 
-def plays(velocity, time, excess=0.0, missed=0, line=FRONT, allowed=1.25, seed=1):
-    """A table of 40 plays with equal results, of which the first `missed` miss and leave the object at rest."""
-    rows = pl.DataFrame({"missed": np.arange(40) < missed}).with_columns(line=pl.lit(line), allowed=allowed, seed=seed)
-    velocity = pl.when("missed").then(0.0).otherwise(velocity)
-    return rows.with_columns(approach_time=time, excess=excess, object_velocity=velocity)
+def test_front_has_the_lowest_loss_at_each_time(small):
+    found = [(1.0, 1, 0.3), (1.3, 1, 0.1), (1.0, 2, 0.2), (1.3, 2, 0.4), (1.3, 3, 0.2)]
+    searches = pl.DataFrame(found, schema=["allowed", "seed", "loss"], orient="row").with_columns(line=pl.lit(FRONT))
+    other = searches.with_columns(line=pl.lit("another coupling"), loss=0.0)
+    front = Search(small).front({"searches": pl.concat([other, searches])})
+    assert [(row["allowed"], row["seed"]) for row in front] == [(1.0, 2), (1.3, 1)]
 
 
-@pytest.mark.parametrize(("played", "seed"), [
-    ([(0.20, 0.30), (0.19, 0.306)], 1),  # 2 % later
-    ([(0.20, 0.30), (0.10, 0.28, 0.1)], 1),  # a tenth beyond a limit
-    ([(0.20, 0.30), (0.19, 0.30, 0.0, 1)], 1),  # a miss of 40 costs 2 / 40 m/s, and has no V_p
-    ([(0.20, 0.30), (0.15, 0.30, 0.0, 1)], 2),
-])  # fmt: skip
-def test_front_penalises_lateness_excess_and_misses(small, played, seed):
-    entry = {"line": FRONT, "allowed": 1.25, "loss": 0.0, "design": "{}", "parameters": "[]"}
-    validation = [plays(v, 1.25 * time, *more, seed=k) for k, (v, time, *more) in enumerate(played, 1)]
-    validation.append(plays(0.6, 0.30, line=PAPER, allowed=1.0))
-    frames = {"searches": pl.DataFrame([entry | {"seed": k} for k in (1, 2)]), "validation": pl.concat(validation)}
-    (front,) = Search(replace(small, times=(1.25,))).front(frames)
-    assert front["seed"] == seed
-
-
-def test_loss_of_a_miss_is_the_environments_missed_cost(small):
+def test_loss_has_costs_for_a_miss_and_for_lateness(small):
     """A candidate that is too slow to touch the object has no V_p, and must not win."""
     candidate = replace(Search(small).candidate(PAPERS_RULE), environment=small.searched)
-    losses = objective(candidate, small.variables, 9.0, small.limits, small.tolerance, 12, 8)
     design = [float(variable.parameter().start) for variable in small.variables]
     gentle, never = [*design, 0.3, 8.0, 8.0], [*design, 0.01, 8.0, 8.0]
-    touched, missed = losses(np.array([gentle, never] * 4)[:, None])[:2, 0]
+
+    def losses(allowed):
+        of = objective(candidate, small.variables, allowed, small.limits, small.tolerance, small.scenarios, 8)
+        return of(np.array([gentle, never] * 4)[:, None])[:2, 0]
+
+    touched, missed = losses(9.0)
     assert touched < 0.5 < missed == pytest.approx(2.0)
+    time = (losses(0.1)[0] - losses(0.2)[0]) / (PENALTY * (1 / 0.1 - 1 / 0.2))  # mean approach time, s
+    assert 0.15 / 0.3 < time < 0.35 / 0.3 + 0.1
+    assert losses(0.2)[0] - touched == pytest.approx(PENALTY * (time / 0.2 - 1.0))
