@@ -93,47 +93,45 @@ class Clock:
     def play(self, wanted: Attempt, path: Path, seen: bool) -> None:
         """Play an attempt, save it and send its results; `seen`: whether the object is visible before the touch."""
         try:
-            live = Live(wanted)
-            self.send(kind="began", setup=wanted.setup, radius=object_radius(live.kept.record["object_mass"]))
-            stick, slow, begun = self.stick, live.kept.slow, self.now()
-            self._run(live, seen, begun)
-            live.kept.marks.extend(stick.marks)
+            live, rng = Live(wanted), random.Random(wanted.seed)
+            kept, stick, slow, begun = live.kept, self.stick, wanted.slow, self.now()
+            self.send(kind="began", setup=kept.setup, radius=object_radius(kept.record["object_mass"]))
+            self.send(kind="frame", **frame(live, seen, rng))
+            start = begun
+            while not (live.ended or self.gone):
+                due = start + slow * (live.time + PERIOD)
+                while (left := due - self.now()) > 0.0:
+                    self.sleep(left)
+                late = self.now() - due
+                live.step(stick.at(start + slow * live.next_tick))
+                if late > slow * PERIOD:  # more than a step late: delay the schedule
+                    start += late
+                self.send(kind="frame", **frame(live, seen, rng))
+            kept.marks.extend(stick.marks)
             if not timed_right(live.finished(), lambda tick: stick.at(begun + slow * tick)):
-                live.kept.marks.append(BUSY)
-            self.unsaved.append((path, live.kept))
+                kept.marks.append(BUSY)
+            self.unsaved.append((path, kept))
             while self.unsaved:
                 attempts.write(*self.unsaved[0])
                 self.unsaved.pop(0)
-            self.send(kind="ended", entry=entry_of(path.stem, live.kept))
+            self.send(kind="ended", entry=entry_of(path.stem, kept))
         except (OSError, RuntimeError, ValueError) as problem:
             self.send(kind="failed", text=str(problem))
 
-    def _run(self, live: Live, seen: bool, start: float) -> None:
-        slow, rng = live.kept.slow, random.Random(live.kept.seed)
-        self._send_frame(live, seen, rng)
-        while not (live.ended or self.gone):
-            due = start + slow * (live.time + PERIOD)
-            while (left := due - self.now()) > 0.0:
-                self.sleep(left)
-            late = self.now() - due
-            live.step(self.stick.at(start + slow * live.next_tick))
-            if late > slow * PERIOD:  # more than a step late: delay the schedule
-                start += late
-            self._send_frame(live, seen, rng)
 
-    def _send_frame(self, live: Live, seen: bool, rng: random.Random) -> None:
-        """Send a frame: positions (m) now and one step later, delay `wait` and time step `dt` in real time (s)."""
-        now, record, slow = live.batch.bodies(), live.kept.record, live.kept.slow
-        then = now if live.ended else live.ahead()
-        late = record["downlink.delay"] + record["downlink.jitter"] * min(rng.expovariate(1.0), CUT)
-        touched = bool(then.touched[0])
-        positions = [np.round(np.ravel(each[1:4]), 6).tolist() for each in (now, then)]  # m; flange, tool, object
-        if not (seen or touched or live.ended):  # at the end, the page shows even a missed object
-            positions = [[*chain, None] for *chain, _ in positions]
-        self.send(
-            kind="frame", n=len(live.kept.actions), t=round(live.time, 4), touched=touched, wait=late * slow,
-            dt=round(float(then.time[0] - now.time[0]) * slow, 5), **dict(zip(("from", "to"), positions, strict=True)),
-        )  # fmt: skip
+def frame(live: Live, seen: bool, rng: random.Random) -> dict[str, Any]:
+    """Return a frame: positions (m) now and one step later, delay `wait` and time step `dt` in real time (s)."""
+    now, record, slow = live.batch.bodies(), live.kept.record, live.kept.slow
+    then = now if live.ended else live.ahead()
+    late = record["downlink.delay"] + record["downlink.jitter"] * min(rng.expovariate(1.0), CUT)
+    touched = bool(then.touched[0])
+    positions = [np.round(np.ravel(each[1:4]), 6).tolist() for each in (now, then)]  # m; flange, tool, object
+    if not (seen or touched or live.ended):  # at the end, the page shows even a missed object
+        positions = [[*chain, None] for *chain, _ in positions]
+    return {
+        "n": len(live.kept.actions), "t": round(live.time, 4), "touched": touched, "wait": late * slow,
+        "dt": round(float(then.time[0] - now.time[0]) * slow, 5), "from": positions[0], "to": positions[1],
+    }  # fmt: skip
 
 
 def entry_of(name: str, this: Attempt) -> dict[str, Any]:

@@ -49,14 +49,6 @@ def foreign(request: Request, token: str, port: int) -> str | None:
     return None if secrets.compare_digest(given, token) else "another token"
 
 
-def parsed(text: str | bytes) -> Any:
-    """Return the content of a message; ValueError: it is not JSON."""
-    try:
-        return json.loads(text)
-    except (ValueError, RecursionError):
-        raise ValueError("a message must be JSON") from None
-
-
 def reply(status: int, text: str, kind: str = "text/plain") -> Response:
     """Return an answer with HEADERS."""
     body = text.encode(errors="replace")
@@ -110,7 +102,9 @@ class Site:
                 allowance = min(allowance + RATE * (last - before), RATE) - 1.0
                 if allowance < 0.0:
                     raise ValueError(f"more than {RATE:g} messages a second")
-                self.session.handle(send, parsed(text))
+                self.session.handle(send, json.loads(text))
+        except (json.JSONDecodeError, UnicodeDecodeError, RecursionError):
+            why = "a message must be JSON"
         except ValueError as problem:
             why = str(problem).partition(", got ")[0][:120]  # leave out text that the page sent
         except ConnectionClosed as gone:
@@ -120,9 +114,8 @@ class Site:
         await page.close(1008, why)
 
 
-async def _run(session: Session, listening: socket.socket, ready: Callable[[str], None]) -> None:
-    token, port = secrets.token_urlsafe(16), listening.getsockname()[1]
-    site = Site(session, token, port)
+async def _serve(session: Session, listening: socket.socket, ready: Callable[[str], None]) -> None:
+    site = Site(session, secrets.token_urlsafe(16), listening.getsockname()[1])
     logging.getLogger("websockets").setLevel(logging.CRITICAL)
     running = await server.serve(
         site.serve_page, sock=listening, process_request=site.answer, server_header=None, compression=None,
@@ -130,7 +123,7 @@ async def _run(session: Session, listening: socket.socket, ready: Callable[[str]
     )  # fmt: skip
     try:
         asyncio.get_running_loop().add_reader(session.pipe.fileno(), session.listen)
-        ready(f"http://{HOST}:{port}/{token}/")
+        ready(f"http://{HOST}:{site.port}/{site.token}/")
         await running.wait_closed()
     finally:
         running.close(code=RESTART)
@@ -144,4 +137,4 @@ def serve(session: Session, port: int, ready: Callable[[str], None]) -> None:
         listening = socket.create_server((HOST, port))
     except OSError as problem:
         raise ValueError(f"port must be free, or 0 for any free port, got {port}: {problem}") from None
-    asyncio.run(_run(session, listening, ready))
+    asyncio.run(_serve(session, listening, ready))
