@@ -2,7 +2,6 @@
 
 import json
 import math
-import operator
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache
@@ -10,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from experiments.lab.player.films import ended_history
 from experiments.play.assistance import NAMES, PERIOD, PERSON, RANGES, assistance, environment_of, playable
@@ -30,6 +28,7 @@ ROUNDING = 1e-6  # allowed rounding error of times, as a fraction of a control p
 SLOWEST = 16.0  # largest `Attempt.slow`
 MAX_TEXT, MAX_NUMBER = 4096, 2.0**64  # limits: characters of set-up and marks together; absolute value of a number
 FORMAT = "impact_gym try 3"
+NO_ROW = np.zeros(1, np.bool_)  # rows of a batch of one episode that a step leaves out: none
 SPARE = 3  # control periods that each recording lasts beyond the horizon of an episode
 
 
@@ -50,11 +49,6 @@ class Attempt:
     made: dict[str, Any] = field(default_factory=dict)  # commit and versions
 
 
-def advance(batch: Batch, action: ArrayLike) -> None:
-    """Play a control step in a batch of one episode."""
-    batch.step(action, np.zeros(1, np.bool_), (len(batch.action_spec),))
-
-
 def replayed(this: Attempt) -> History:
     """Play an attempt again, and return its history; RuntimeError: the actions end before the episode."""
     batch = Batch(1, Task(**this.environment, operator=this.operator), threads=1, trace_points=8 * TRACE_POINTS)
@@ -62,7 +56,7 @@ def replayed(this: Attempt) -> History:
     for action in this.actions:
         if batch.ended[0]:
             break
-        advance(batch, action)
+        batch.step([action], NO_ROW)
     if not batch.ended[0]:
         raise RuntimeError("the try does not end at its last action: the environment has changed since it was recorded")
     return ended_history(batch)
@@ -91,7 +85,7 @@ class Live:
 
     def _decide(self) -> None:
         action, self._state = self.assistant.predict(self.batch.observations.copy(), state=self._state)
-        self._action = np.asarray(action, np.float32)[0]
+        self._action = np.asarray(action, np.float32)
 
     @property
     def ended(self) -> bool:
@@ -113,8 +107,8 @@ class Live:
         tick = self.next_tick
         if self.person:
             self.batch.set_operator_velocity(velocity)
-        advance(self.batch, self._action)
-        self.kept.actions.append(self._action.tolist())
+        self.batch.step(self._action, NO_ROW)
+        self.kept.actions.append(self._action[0].tolist())
         if self.person and self.time >= tick - ROUNDING * PERIOD:
             given = self.kept.operator
             given["time"].append(PERIOD * len(given["time"]))
@@ -125,7 +119,7 @@ class Live:
     def ahead(self) -> Bodies:
         """Predict the bodies after the next step if no new command comes; the attempt is not changed."""
         state = self.batch.get_state()
-        advance(self.batch, self._action)
+        self.batch.step(self._action, NO_ROW)
         bodies = self.batch.bodies()
         self.batch.set_state(state)
         return bodies
@@ -148,7 +142,7 @@ def timed_right(this: Attempt, exact: Callable[[float], float]) -> bool:
     and slide and duration may change by at most AGREES.
     """
     given = this.operator
-    if this.marks or all(map(operator.eq, map(exact, given["time"][1:]), given["velocity"][1:])):
+    if this.marks or list(map(exact, given["time"][1:])) == given["velocity"][1:]:
         return True
     live = Live(replace(this, operator=PERSON.copy()))
     while not live.ended:

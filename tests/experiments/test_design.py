@@ -13,11 +13,10 @@ from agents.baselines.tuned import read_tuned
 from agents.evaluate.scenario_batch import TUNING_SEED, ScenarioBatch, Travel
 from agents.setups import load_setup
 from experiments.design.__main__ import design
-from experiments.design.findings import chart
 from experiments.design.options import CHOSEN, FRONT, PAPER, DesignOptions
 from experiments.design.pads import PADS, Pad
 from experiments.design.search import PENALTY, Candidate, Limits, objective, play
-from experiments.design.study import PAPERS_RULE, Search
+from experiments.design.study import PAPERS_RULE, Search, chart
 from experiments.design.variables import SearchVariable, as_built
 from experiments.lab.study import StudyOptions, StudyRun
 from impact_gym.task import Task

@@ -166,22 +166,15 @@ def scene_of(runs: Mapping[str, History], coarse: float = 1.0) -> dict[str, Any]
     velocities = np.concatenate([all_of[f"{body}_velocity"] for body in BODIES])
     last = [run.at(run.now) for run in runs.values()]
     limits = {
-        "force": float(all_of["contact_force"].max()),
-        "speed": max(1e-3, float(np.abs(velocities).max())),
-        "lowest": float(velocities.min()),
+        "force": float(all_of["contact_force"].max()), "rearmost": float(all_of["flange_position"].min()),
+        "speed": max(1e-3, float(np.abs(velocities).max())), "lowest": float(velocities.min()),
         "depth": max(0.0, float((all_of["tool_position"] - all_of["object_position"]).max())),
         "farthest": max(at.object_position + at.object_velocity * max(end - at.time, 0.0) for at in last),
-        "rearmost": float(all_of["flange_position"].min()),
-    }
+    }  # fmt: skip
     scenario = next(iter(runs.values())).info["scenario"]
-    return {
-        "scenario": scenario,
-        "radius": object_radius(scenario["object_mass"]),
-        "end": end,
-        "clock": clock(list(runs.values()), end, coarse),
-        "limits": limits,
-        "runs": [_run(name, run, histories[name], limits, coarse) for name, run in runs.items()],
-    }
+    films = [_run(name, run, histories[name], limits, coarse) for name, run in runs.items()]
+    return {"scenario": scenario, "radius": object_radius(scenario["object_mass"]), "end": end,
+            "clock": clock(list(runs.values()), end, coarse), "limits": limits, "runs": films}  # fmt: skip
 
 
 def _run(name: str, run: History, columns: Columns, limits: Mapping[str, float], coarse: float) -> dict[str, Any]:
