@@ -104,18 +104,22 @@ class Search:
         row = next(row for row in self.front(frames) if row["allowed"] == self.options.typical)
         return {**row, "line": CHOSEN}
 
-    def front(self, frames: Frames) -> list[Row]:
+    def front(self, frames: Frames) -> Sequence[Row]:
         """Return for each approach time the design with the lowest loss."""
         best = frames["searches"].filter(line=FRONT).sort("allowed", "loss")
         return best.unique("allowed", keep="first", maintain_order=True).to_dicts()
 
     def _searched(self, rows: Iterable[Row]) -> Iterator[Cell]:
+        """Yield searches that start at a row's own parameters, or at those of the shipped baseline nearest in time."""
         options, papers_rule = self.options, self.candidate(PAPERS_RULE)
         batch = ScenarioBatch(TUNING_SEED, options.scenarios, papers_rule.task, threads=1)
         paper = float(batch.play(papers_rule.controller()).approach_time.mean())
         for row in rows:
             candidate, time = self.candidate(row), row["allowed"] * paper
-            start = list(candidate.parameters) or start_of(candidate, time)
+            blind = "bistable-blind-profile" if isinstance(candidate.task.coupling, Bistable) else "blind-profile"
+            tuned = read_tuned(blind if candidate.rule == "BlindProfile" else "ranged")["weights"].values()
+            nearest = np.argmin([abs(each["validation"]["approach_time"] - time) for each in tuned])
+            start = list(candidate.parameters) or list([*tuned][nearest]["parameters"].values())
             variables = options.variables if row["line"] == FRONT else []
             yield Cell({name: row[name] for name in ("line", "allowed", "seed")}, {
                 "candidate": asdict(replace(candidate, parameters=start, design={})),
@@ -127,14 +131,6 @@ class Search:
     def _limits(self, row: Row) -> dict[str, Any]:
         """Return the limits for a row; only FRONT and CHOSEN have limits."""
         return asdict(self.options.limits if row["line"] in (FRONT, CHOSEN) else Limits(deflection=None))
-
-
-def start_of(candidate: Candidate, approach_time: float) -> list[float]:
-    """Return a shipped baseline's parameters at the time weight whose approach time is nearest `approach_time` (s)."""
-    blind = "bistable-blind-profile" if isinstance(candidate.task.coupling, Bistable) else "blind-profile"
-    weights = read_tuned(blind if candidate.rule == "BlindProfile" else "ranged")["weights"].values()
-    nearest = min(weights, key=lambda tuned: abs(tuned["validation"]["approach_time"] - approach_time))
-    return list(nearest["parameters"].values())
 
 
 def summary(frame: pl.DataFrame) -> list[dict[str, Any]]:

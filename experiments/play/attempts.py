@@ -2,9 +2,8 @@
 
 import json
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -60,11 +59,6 @@ def replayed(this: Attempt) -> History:
     if not batch.ended[0]:
         raise RuntimeError("the try does not end at its last action: the environment has changed since it was recorded")
     return ended_history(batch)
-
-
-@cache
-def _made() -> dict[str, Any]:
-    return revision() | {"solver": compiled_from(), "versions": circumstances("impact-gym", "numpy")["versions"]}
 
 
 class Live:
@@ -130,7 +124,8 @@ class Live:
             self.step()
         info = self.batch.info(0)
         self.kept.result.update({name: float(info[name]) for name in RESULTS})
-        self.kept.made.update(_made())
+        versions = circumstances("impact-gym", "numpy")["versions"]
+        self.kept.made.update(revision() | {"solver": compiled_from(), "versions": versions})
         return self.kept
 
 
@@ -189,14 +184,12 @@ def _finite(text: str) -> float:
     return number("each number", float(text), "-", at_least=-MAX_NUMBER, at_most=MAX_NUMBER)
 
 
-def read_all(folder: Path) -> Iterator[tuple[Path, Attempt]]:
-    """Yield paths and attempts of a folder, sorted by the files' names."""
-    return ((path, read(path)) for path in sorted(folder.glob("*.json")))
-
-
 def of_persons(folder: Path, marked: bool = False) -> list[Attempt]:
-    """Read the attempts in a folder; `marked`: also marked ones. ValueError: none, bad file, several environments."""
-    every = [this for _, this in read_all(folder)]
+    """Return the attempts in a folder, in the order of the files' names; `marked`: also marked ones.
+
+    ValueError: there is none, a file is bad, or the environments differ.
+    """
+    every = [read(path) for path in sorted(folder.glob("*.json"))]
     found = [this for this in every if marked or not this.marks]
     if not found:
         allowed = "" if marked else f" to use: {len(every)} marked tries need --include-marked"

@@ -95,7 +95,7 @@ def test_try_is_kept_until_a_full_disk_has_room(world, monkeypatch):
         failed = world.play(page, page.push)
     assert (failed["kind"], failed["text"], world.session.busy) == ("failed", "no room to write", False)
     assert world.play(page, page.push).marks == []
-    assert [this.marks for _, this in attempts.read_all(world.folder)] == [[], []]
+    assert [this.marks for this in attempts.of_persons(world.folder)] == [[], []]
 
 
 @pytest.mark.parametrize("why", ["another tab took the stick", "the page was closed"])

@@ -126,6 +126,6 @@ def test_server_that_is_stopped_in_a_try_loses_nothing(how, exit_code, tmp_path)
             page.send('{"v": 0.6}')
         code, said = server.end(how)
     assert (code, "Traceback" in said) == (exit_code, False)
-    ((_, this),) = attempts.read_all(tmp_path)
+    (this,) = attempts.of_persons(tmp_path, marked=True)
     assert this.marks[0] == "interrupted: the server was stopped"
     assert max(this.operator["velocity"]) > 0.1
