@@ -34,10 +34,10 @@ class Play:
 
 def work(options: Play) -> None:
     """Serve the page until the command is stopped."""
-    from experiments.play import assistance, server, session
+    from experiments.play import assistance, server
 
     setup = assistance.playable(options.setup)
-    played = session.Session(setup, options.assist, options.out or Path("runs/play") / setup.name)
+    played = server.Session(setup, options.assist, options.out or Path("runs/play") / setup.name)
 
     def ready(address: str) -> None:
         print(address, flush=True)

@@ -15,7 +15,7 @@ from experiments.play import attempts
 from experiments.play.assistance import record_of, usual
 from experiments.play.attempts import Attempt, Live
 from experiments.play.clock import Clock
-from experiments.play.session import Session
+from experiments.play.server import Session
 from impact_gym.support.files import write_file
 
 SETUP = "teleop-spring"
