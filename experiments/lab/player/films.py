@@ -29,6 +29,7 @@ EXTREMES = (  # fields of a scenario, and what the objects with the smallest and
     ("distance", "nearest object", "farthest object"),
 )  # fmt: skip
 AFTER = 0.15  # s, simulated time that the film shows after the end of the last contact
+NO_ROW = np.zeros(1, np.bool_)  # rows of a batch of one episode that a step leaves out: none
 
 Columns = dict[str, NDArray[np.float64]]
 
@@ -146,7 +147,8 @@ def play(
     while not batch.ended[0]:
         seen = batch.observations.copy()
         actions, state = controller.predict(seen, state=state, episode_start=start, deterministic=True)
-        batch.step(actions, start := np.zeros(1, np.bool_))
+        batch.step(actions, NO_ROW)
+        start = NO_ROW
     if (status := batch.info(0)["status"]) != "ok":
         raise RuntimeError(f"scenario {number}: {status}")
     return ended_history(batch)
@@ -186,14 +188,11 @@ def _run(name: str, run: History, columns: Columns, limits: Mapping[str, float],
     rows = thin(columns, limits, coarse)
     rows = rows[np.append(True, np.diff(np.round(columns["time"][rows], digits)) > 0.0)]
     return {
-        "name": name,
-        "chain": chain_of(run.task),
-        **{field: run.info[field] for field in RESULTS},
-        **operated,
+        "name": name, "chain": chain_of(run.task), **{field: run.info[field] for field in RESULTS}, **operated,
         "contacts": [[round(instant, digits) for instant in contact] for contact in contacts_of(run)],
         "alarm": round(alarm, digits) if np.isfinite(alarm) else None,
         "rows": [np.round(columns[key][rows], decimals).tolist() for key, decimals in DECIMALS.items()],
-    }
+    }  # fmt: skip
 
 
 def chain_of(task: Task) -> dict[str, Any]:
