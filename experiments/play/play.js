@@ -130,12 +130,12 @@ function draw(now) {
   steer(now);
   const {frame, stage} = page;
   if (!frame || !stage || frame.still) return;
-  const share = clamp((performance.now() + AHEAD_OF_EYES - page.came) / (1000 * frame.dt || 1), 0, 1);
-  stage.update(frame.from.map((from, k) => from === null || frame.to[k] === null ? frame.to[k] : from + share * (frame.to[k] - from)));
+  const fraction = clamp((performance.now() + AHEAD_OF_EYES - page.came) / (1000 * frame.dt || 1), 0, 1);
+  stage.update(frame.from.map((from, k) => from === null || frame.to[k] === null ? frame.to[k] : from + fraction * (frame.to[k] - from)));
   const speed = frame.dt ? (frame.to[0] - frame.from[0]) / frame.dt * set_up.slow : 0;
   write("speed", `${Math.round(100 * speed)} cm/s`.replace("-", "\u2212"));
   write("clock", `${Math.max(about().horizon - frame.t, 0).toFixed(1)} s left`);
-  frame.still = share >= 1;
+  frame.still = fraction >= 1;
   if (frame.still && !page.running && page.attempts.length) stage.result(page.attempts[page.attempts.length - 1].slide);
 }
 
