@@ -32,14 +32,9 @@ COMMANDS: Mapping[str, Mapping[str, Command]] = {
         "identify": Command("impact_gym.identification", (), "fit mass, stiffness and restitution to measured blows"),
         "design": Command("experiments.design", ("train", "report"), "find the coupling with the lowest V_p"),
     },
-    "for data": {
-        "dataset": Command("experiments.dataset", ("data",), "record episodes of rules, policies or persons"),
-    },
-    "for work on this project": {
-        "study": Command("experiments.studies", ("report",), "run a study of this project again"),
-    },
+    "for data": {"dataset": Command("experiments.dataset", ("data",), "record episodes of rules, policies or persons")},
+    "for work on this project": {"study": Command("experiments.studies", ("report",), "run a study again")},
 }
-EPILOG = "impact-gym COMMAND --help: the options of a command;  impact-gym --version: versions"
 
 
 def overview() -> str:
@@ -47,7 +42,8 @@ def overview() -> str:
     lines = ["usage: impact-gym COMMAND ..."]
     for group, commands in COMMANDS.items():
         lines += ["", f"{group}:", *(f"  {name:<11} {command.help}" for name, command in commands.items())]
-    return "\n".join([*lines, "", EPILOG])
+    last = "impact-gym COMMAND --help: the options of a command;  impact-gym --version: versions"
+    return "\n".join([*lines, "", last])
 
 
 def versions() -> str:
@@ -68,11 +64,8 @@ def main() -> None:
     """Run the command that the first argument names, or print help or versions."""
     name, *arguments = sys.argv[1:] or ["--help"]
     commands = {name: command for group in COMMANDS.values() for name, command in group.items()}
-    if name in ("--help", "-h", "help"):
-        print(overview())
-        return
-    if name == "--version":
-        print(versions())
+    if name in ("--help", "-h", "help", "--version"):
+        print(versions() if name == "--version" else overview())
         return
     if name not in commands:
         print(f"{overview()}\n\nimpact-gym: {nearest('command', name, commands)}", file=sys.stderr)

@@ -5,12 +5,11 @@ import os
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from importlib.metadata import metadata, version
 from itertools import chain, repeat
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Annotated, Any
+from typing import Any
 from unittest.mock import patch
 
 import gymnasium as gym
@@ -22,14 +21,14 @@ from minari.dataset.minari_storage import MinariStorage
 from minari.namespace import create_namespace, list_local_namespaces
 from minari.storage import get_dataset_path
 from tqdm import tqdm
-from tyro.conf import FlagCreatePairsOff, Positional, arg
+from tyro.conf import FlagCreatePairsOff, Positional
 
 from agents.baselines import FIXED
 from agents.evaluate.play import controller_of
 from agents.policies import Controller, load_policy
 from agents.setups import Setup, load_setup, shipped_baselines
 from agents.setups.tuned import read_tuned
-from experiments.play import try_files
+from experiments.play import attempts
 from impact_gym.envs import IDS
 from impact_gym.support.command_line import run_command
 from impact_gym.support.files import reason, write_file
@@ -53,27 +52,27 @@ class DatasetOptions:
     of a dataset is impact/SETUP/PLAYER-vVERSION.
     """
 
-    source: Annotated[Positional[str], arg(metavar="SETUP|FOLDER|DATASET")]
+    source: Positional[str]
     """Name or file of a set-up, folder of tries, or with --check the id of a dataset."""
-    who: Annotated[tuple[str, ...], arg(metavar="NAME...")] = tuple(PLAYERS)
+    who: tuple[str, ...] = tuple(PLAYERS)
     """Players: rule (the paper's rule), profile (the first baseline in the set-up's `against`), policy (the set-up's
     policy), the name of another baseline, or MODULE:OBJECT. OBJECT must have the method `predict`."""
-    episodes: Annotated[int, arg(metavar="N")] = 1000
+    episodes: int = 1000
     """Number of episodes that each player plays."""
-    seed: Annotated[int, arg(metavar="N")] = SEED
+    seed: int = SEED
     """Seed of the first episode. Each later episode has the next seed."""
-    operator: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: make a dataset)")] = None
-    """File to write from a folder of tries. It contains the table [environment.operator] of a set-up: an operator who
-    replays a randomly chosen try in each episode."""
-    include_marked: Annotated[FlagCreatePairsOff[bool], arg(help_behavior_hint="")] = False
+    operator: Path | None = None
+    """File to write from a folder of tries, instead of a dataset. It contains the table [environment.operator] of a
+    set-up: an operator who replays a randomly chosen try in each episode."""
+    include_marked: FlagCreatePairsOff[bool] = False
     """Also use tries that impact-gym play marked as interrupted or not timed right."""
-    version: Annotated[int, arg(metavar="N")] = 0
+    version: int = 0
     """Last part of the dataset's id."""
-    author: Annotated[str, arg(metavar="NAME")] = metadata("impact-gym")["Author"] or ""
+    author: str = metadata("impact-gym")["Author"] or ""
     """Author of the dataset."""
-    link: Annotated[str, arg(metavar="URL", help_behavior_hint="(default: version and commit)")] = ""
-    """Public address of the code that made the dataset."""
-    check: Annotated[FlagCreatePairsOff[bool], arg(help_behavior_hint="")] = False
+    link: str = ""
+    """Public address of the code that made the dataset. The default is version and commit."""
+    check: FlagCreatePairsOff[bool] = False
     """Play a dataset's episodes again, and check that observations, rewards, terminations and truncations are equal."""
 
     def __post_init__(self) -> None:
@@ -157,14 +156,14 @@ def of_setup(options: DatasetOptions) -> Iterator[Any]:
 
 def of_tries(options: DatasetOptions) -> Any:
     """Write and return a dataset of persons' tries in the folder `options.source`."""
-    found = try_files.of_persons(Path(options.source), options.include_marked)
-    env = gym.make("impact_gym:ImpactTeleop-v0", **found[0].environment, operator=try_files.operator_of(found))
+    found = attempts.of_persons(Path(options.source), options.include_marked)
+    env = gym.make("impact_gym:ImpactTeleop-v0", **found[0].environment, operator=attempts.operator_of(found))
     name = f"impact/{found[0].setup}/person-v{options.version}"
 
     def again() -> Iterator[EpisodeBuffer]:
         for number, this in enumerate(tqdm(found, name, unit="episodes")):
             record = {**this.record, "operator.recording": number + 0.5}
-            done = recorded(env, this.seed, record, partial(given, this.actions))
+            done = recorded(env, this.seed, record, given(this.actions))
             if done.infos["done_time"][-1] != this.result["done_time"]:
                 raise ValueError("a try ends at another time when replayed: use the impact-gym version that saved it")
             yield done
@@ -173,11 +172,11 @@ def of_tries(options: DatasetOptions) -> Any:
     return write(name, env, again(), options, assists, "persons steer, with assistance")
 
 
-def given(actions: Sequence[Sequence[float]], _weight: float) -> Any:
-    """Return a controller that plays `actions`, then zeros."""
+def given(actions: Sequence[Sequence[float]]) -> Players:
+    """Return a function that makes a controller, which plays `actions` and then zeros."""
     first, *others = np.array(actions, np.float32)
     ahead = chain([first], others, repeat(0.0 * first))
-    return SimpleNamespace(predict=lambda *_, **__: (next(ahead)[None], None))
+    return lambda _: SimpleNamespace(predict=lambda *_, **__: (next(ahead)[None], None))
 
 
 def environment_of(about: Mapping[str, Any]) -> gym.Env[Any, Any]:
@@ -209,7 +208,7 @@ def check(name: str) -> int:
     abouts = dataset.storage.get_episode_metadata(range(dataset.total_episodes))
     for episode, begun in zip(tqdm(dataset, name, unit="episodes"), abouts, strict=True):
         record = begun.get("options", {}).get("record", {})
-        done = recorded(env, begun["seed"], record, partial(given, episode.actions))
+        done = recorded(env, begun["seed"], record, given(episode.actions))
         for what in ("observations", "rewards", "terminations", "truncations"):
             if not np.array_equal(getattr(done, what), getattr(episode, what)):
                 raise ValueError(f"{name}: {what} of episode {episode.id} differ when replayed: {other}")
@@ -221,10 +220,10 @@ def work(options: DatasetOptions) -> None:
     if options.check:
         print(f"{options.source}: {check(options.source)} episodes replay exactly")
     elif options.operator is not None:
-        found = try_files.of_persons(Path(options.source), options.include_marked)
+        found = attempts.of_persons(Path(options.source), options.include_marked)
         # these values have the same form in JSON and in TOML
-        content = [f"{key} = {json.dumps(value)}\n" for key, value in try_files.operator_of(found).items()]
-        write_file(options.operator, "".join(["[environment.operator]\n", *content]))
+        content = [f"{key} = {json.dumps(value)}" for key, value in attempts.operator_of(found).items()]
+        write_file(options.operator, "\n".join(["[environment.operator]", *content, ""]))
         print(f"{options.operator}: an operator that draws one of {len(found)} tries for each episode")
     else:
         for made in [of_tries(options)] if Path(options.source).is_dir() else of_setup(options):

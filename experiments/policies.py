@@ -36,10 +36,9 @@ def card(name: str) -> Iterator[str]:
     yield f"  for: {setup.about}"
     yield f"  fails: {setup.fails}"
     seeds, validations = len(ensemble.policies), [policy.provenance["validation"] for policy in ensemble.policies]
-    for place, weight in enumerate(chosen["validation"]["time_weight"]):
-        means = [f"{_mean([validation[key][place] for validation in validations])} {unit}"
-                 for key, unit in (("approach_time", "s"), ("object_velocity", "m/s"))]  # fmt: skip
-        yield f"  w = {weight:g} m/s per s: T {means[0]}, V_p {means[1]}"
+    for k, weight in enumerate(chosen["validation"]["time_weight"]):
+        time, velocity = (_mean([each[key][k] for each in validations]) for key in ("approach_time", "object_velocity"))
+        yield f"  w = {weight:g} m/s per s: T {time} s, V_p {velocity} m/s"
     yield f"  {seeds} seeds, seed {ensemble.chosen} is the median; in brackets the 95 % interval of the mean"
     when = f"{chosen['settings']['steps']:,} steps, {chosen['date'][:10]}, commit {(chosen.get('commit') or '-')[:7]}"
     yield f"  made by: {todays(chosen['command'])} ({when})"

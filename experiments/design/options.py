@@ -1,7 +1,7 @@
 """The options of `impact-gym design`, and the set-up file of the chosen design."""
 
 import tomllib
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,12 +11,11 @@ import tomli_w
 import tyro
 
 from agents.setups import Setup, load_setup
-from experiments.design.pads import on_pad, pad_of
-from experiments.design.search import CONTACT, Candidate, Limits, SearchBudget
+from experiments.design.pads import Pad
+from experiments.design.search import CONTACT, Candidate, Limits
 from experiments.design.variables import SearchVariable, search_variables, searched_environment
 from impact_gym.support.files import parsed, write_file
-from impact_gym.support.validation import distinct, identifier, numbers, whole
-from impact_gym.task import Task
+from impact_gym.support.validation import distinct, identifier, number, numbers, whole
 
 PAPER, FRONT, CHOSEN = "paper's rule", "designs", "chosen"  # names of chart lines; more: `DesignOptions.others`
 SPRING = "paper's spring"
@@ -43,31 +42,38 @@ class DesignOptions:
     """Limits of the mean approach time (time until the touch), relative to that of the paper's rule with the paper's
     spring. The command searches for a coupling for each of these limits."""
     limits: Annotated[Limits, tyro.conf.arg(name="")] = field(default_factory=Limits)
-    search: Annotated[SearchBudget, tyro.conf.arg(name="")] = field(default_factory=SearchBudget)
+    tolerance: float = 0.05
+    """Largest relative manufacturing error of each number of --free. Each scenario draws its own errors. In the
+    search, these errors are up to 1.2 times as large."""
+    scenarios: int = 500
+    """Number of scenarios in which each candidate (a design with a controller) is simulated."""
+    budget: int = 7200
+    """Largest number of candidates in each search, rounded up to a multiple of --population."""
+    population: int = 18
+    """Number of candidates in each generation of the search (CMA-ES)."""
     against: tuple[str, ...] = ("bistable-blind", "bistable-paper")
     """Set-ups whose couplings are compared with the design. The command searches for a controller for each of
     these couplings."""
     seeds: int = 2
-    """Number of searches for a design at each approach time, each with another seed. The command takes the design that
-    is best on the validation set."""
+    """Number of searches for a design at each approach time, each with another seed. The command takes the design with
+    the lowest loss."""
     processes: int = 2
     """Number of searches at the same time, each on one core. 0: the searches run in this process."""
 
-    def checked(self) -> "DesignOptions":
-        """Return the options with sorted times; ValueError: an option is invalid, or allows an invalid design."""
-        whole("seeds", self.seeds, at_least=1)
-        whole("processes", self.processes, at_least=0)
-        identifier("setup", f"{self.arm.name}-designed")  # name of the new set-up
+    def __post_init__(self) -> None:
+        number("tolerance", self.tolerance, "-", at_least=0.0, at_most=0.5)
+        for name, least in (("scenarios", 1), ("budget", 1), ("population", 4), ("seeds", 1), ("processes", 0)):
+            whole(name, getattr(self, name), at_least=least)
+        identifier("setup", self.file.stem)  # name of the new set-up
         if not self.times:
             raise ValueError("times must have at least one approach time, relative to the paper's rule (no unit)")
         numbers("times", self.times, "-", above=0)
         distinct("times", self.times)
         distinct("against", self.against)
         if self.pad:
-            pad_of(self.pad)
-        options = replace(self, times=tuple(sorted(self.times)))
-        _ = options.searched, options.others  # these properties raise ValueError if a design is invalid
-        return options
+            Pad.of(self.pad)
+        object.__setattr__(self, "times", tuple(sorted(self.times)))
+        _ = self.searched, self.others  # these properties raise ValueError if a design is invalid
 
     @cached_property
     def arm(self) -> Setup:
@@ -97,18 +103,9 @@ class DesignOptions:
         return self.out / f"{self.arm.name}-designed.toml"
 
     @property
-    def rule(self) -> str:
-        """Name of the control law (rule): `Ranged` if there is a range sensor, else `BlindProfile`."""
-        return "BlindProfile" if Task(**self.arm.environment).range_noise is None else "Ranged"
-
-    @property
     def typical(self) -> float:
         """The element of `times` that is nearest to 1, the approach time of the paper's rule."""
         return min(self.times, key=lambda allowed: abs(allowed - 1.0))
-
-    def limits_of(self, line: str) -> Limits:
-        """Return the limits for a line of the chart; only FRONT and CHOSEN have limits."""
-        return self.limits if line in (FRONT, CHOSEN) else Limits(deflection=None)
 
 
 OF_TEACHER = ("teacher", "imitation_steps")  # about imitating a baseline that the new set-up lacks
@@ -117,16 +114,17 @@ OF_TEACHER = ("teacher", "imitation_steps")  # about imitating a baseline that t
 def write_setup(path: Path, setup: Setup, candidate: Candidate, command: str) -> Path:
     """Write a design to `path` as a set-up file that begins with `command` as a comment; return the path."""
     content = parsed(setup.path, "TOML", tomllib.loads)
-    environment = Task(**setup.environment).changed(candidate.design).arguments()
+    task = setup.task.changed(candidate.design)
+    environment = task.arguments()
     about = f"designed from {setup.name}: " + "; ".join(f"{name} {x:.4g}" for name, x in candidate.design.items())
     if candidate.pad:
         about += (
-            f", on a pad of {candidate.pad}; this file draws stiffness and restitution of the contact through the pad "
-            "independently of each other; in the search both were computed from the object's stiffness and restitution "
-            "without the pad"
+            f", on a pad of {candidate.material}; this file draws stiffness and restitution of the contact through the "
+            "pad independently of each other; in the search both were computed from the object's stiffness and "
+            "restitution without the pad"
         )
-        ranges = {name: list(ends) for name, ends in Task(**environment).scenario.by_id().items()}
-        corners = on_pad(candidate.pad, *np.meshgrid(*(ranges[name] for name in CONTACT)))
+        ranges = {name: list(ends) for name, ends in task.scenario.by_id().items()}
+        corners = candidate.pad.contact(*np.meshgrid(*(ranges[name] for name in CONTACT)))
         through_pad = {name: [float(v.min()), float(v.max())] for name, v in zip(CONTACT, corners, strict=True)}
         environment["scenario"] = ranges | through_pad
     baseline = f"{path.stem}-profile"

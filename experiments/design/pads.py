@@ -5,7 +5,7 @@ same force F = k_i delta_i^1.5, so the sum of both penetrations is that of one s
 
     k^(-2/3) = k_pad^(-2/3) + k_object^(-2/3)
 
-Spring i stores the energy 2/5 F delta_i. This is the share k_i^(-2/3) / k^(-2/3) of the total. Spring i loses the
+Spring i stores the energy 2/5 F delta_i. This is the fraction k_i^(-2/3) / k^(-2/3) of the total. Spring i loses the
 fraction 1 - e_i^2 of its energy. So 1 - e^2 of the contact is the mean of 1 - e_i^2, weighted by the stored energies.
 k_object and e_object are measured with a rigid tool without a pad.
 """
@@ -30,20 +30,18 @@ class Pad(NamedTuple):
     restitution: float  # -, in contact with a body that loses no energy
     radius: float  # m, of the dome
 
+    @classmethod
+    def of(cls, material: str) -> "Pad":
+        """Return the pad of a material; Young's modulus is the geometric mean of the ends of the measured range."""
+        refuse_unknown("--pad ", [material], PADS)
+        measured, radius = MATERIALS[material], PADS[material]
+        assert measured.restitution is not None  # measured for all materials of PADS
+        stiffness = hertz(radius, math.sqrt(math.prod(measured.young)), sum(measured.poisson) / 2.0, *RIGID)
+        return cls(stiffness, measured.restitution[1], radius)
 
-def pad_of(material: str) -> Pad:
-    """Return the pad of a material; Young's modulus is the geometric mean of the ends of the measured range."""
-    refuse_unknown("--pad ", [material], PADS)
-    measured, radius = MATERIALS[material], PADS[material]
-    assert measured.restitution is not None  # measured for all materials of PADS
-    stiffness = hertz(radius, math.sqrt(math.prod(measured.young)), sum(measured.poisson) / 2.0, *RIGID)
-    return Pad(stiffness, measured.restitution[1], radius)
-
-
-def on_pad(name: str, stiffness: Floats, restitution: Floats) -> tuple[Floats, Floats]:
-    """Convert contact stiffness (N/m^1.5) and restitution without a pad to those with the pad; numbers or arrays."""
-    pad = pad_of(name)
-    of_pad, of_object = pad.stiffness ** (-2.0 / 3.0), np.asarray(stiffness) ** (-2.0 / 3.0)
-    share = of_pad / (of_pad + of_object)
-    lost = share * (1.0 - pad.restitution**2) + (1.0 - share) * (1.0 - np.asarray(restitution) ** 2)
-    return (of_pad + of_object) ** -1.5, np.sqrt(1.0 - lost)
+    def contact(self, stiffness: Floats, restitution: Floats) -> tuple[Floats, Floats]:
+        """Convert contact stiffness (N/m^1.5) and restitution without the pad to those with the pad; any shape."""
+        of_pad, of_object = self.stiffness ** (-2.0 / 3.0), np.asarray(stiffness) ** (-2.0 / 3.0)
+        fraction = of_pad / (of_pad + of_object)
+        lost = fraction * (1.0 - self.restitution**2) + (1.0 - fraction) * (1.0 - np.asarray(restitution) ** 2)
+        return (of_pad + of_object) ** -1.5, np.sqrt(1.0 - lost)

@@ -1,11 +1,10 @@
 """Variables of the search: the free numbers of a design, given as `NAME=LOW:HIGH`."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import asdict
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from agents.baselines.rule import Floats, Parameter
 from agents.setups import Setup
@@ -14,7 +13,6 @@ from agents.setups.keys import prefixed_errors, refuse_unknown
 from impact_gym.couplings import SpringDamper
 from impact_gym.quantities import QUANTITIES
 from impact_gym.support.validation import number
-from impact_gym.task import Task
 
 WIDE = 10.0  # smallest HIGH / LOW for a logarithmic scale; a log-uniform quantity needs only LOW > 0 for this scale
 
@@ -25,7 +23,7 @@ class SearchVariable(NamedTuple):
     name: str  # name of the number, such as coupling.stiffness
     low: float
     high: float
-    start: float = np.nan  # value at which the search starts; nan or a value outside the range: see `parameter`
+    start: float = np.nan  # value at which the search starts; nan or a value outside the range: mid-range
 
     @property
     def logarithmic(self) -> bool:
@@ -33,14 +31,12 @@ class SearchVariable(NamedTuple):
         return QUANTITIES[self.name].by_ratio(self.low) or 0.0 < WIDE * self.low <= self.high
 
     def parameter(self) -> Parameter:
-        """Return the parameter for CMA-ES, on the scale of the search; it starts at mid-range if `start` is outside."""
-        low, high = float(self.searched(self.low)), float(self.searched(self.high))
-        begin = float(self.searched(self.start)) if self.low <= self.start <= self.high else 0.5 * (low + high)
-        return Parameter(self.name, QUANTITIES[self.name].unit, low, high, begin)
-
-    def searched(self, value: ArrayLike) -> Floats:
-        """Convert physical values (any shape) to the scale of the search."""
-        return np.log(value) if self.logarithmic else np.asarray(value, np.float64)
+        """Return the parameter for CMA-ES, on the scale of the search."""
+        start = self.start if self.low <= self.start <= self.high else np.nan
+        ends = np.array([self.low, self.high, start])
+        low, high, start = (np.log(ends) if self.logarithmic else ends).tolist()
+        start = 0.5 * (low + high) if np.isnan(start) else start
+        return Parameter(self.name, QUANTITIES[self.name].unit, low, high, start)
 
     def value(self, searched: Floats) -> Floats:
         """Convert values on the scale of the search (any shape) to physical values within the range."""
@@ -54,9 +50,8 @@ def search_variables(texts: Sequence[str], setup: Setup) -> list[SearchVariable]
     """
     if not texts:
         raise ValueError("--free must name a number of the design, such as coupling.stiffness=10:300")
-    task = Task(**setup.environment)
-    own = {f"coupling.{field.name}": getattr(task.coupling, field.name) for field in fields(task.coupling)}
-    own = {"tool_mass": task.tool_mass, **own}
+    parts = {f"coupling.{name}": value for name, value in asdict(setup.task.coupling).items() if value is not None}
+    own = {"tool_mass": setup.task.tool_mass, **parts}
     variables = dict[str, SearchVariable]()
     for text in texts:
         name, _, ends = text.partition("=")
@@ -85,7 +80,7 @@ def searched_environment(setup: Setup, variables: Sequence[SearchVariable], defl
     ValueError: the environment is invalid, no front stop holds the tool, or no spring limits the lag to `deflection`.
     """
     with prefixed_errors("--free"):
-        task = Task(**setup.environment).changed({each.name: [each.low, each.high] for each in variables})
+        task = setup.task.changed({each.name: [each.low, each.high] for each in variables})
         doubts(task)
         springs = [corner for corner in corners(task) if isinstance(corner.coupling, SpringDamper)]
         # at a constant acceleration, the tool lags behind the flange by tool mass * acceleration / stiffness

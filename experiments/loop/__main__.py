@@ -53,9 +53,9 @@ def compiled(exported: Exported, name: str, out: Path) -> Path:
     if (compiler := shutil.which("cc") or shutil.which("gcc")) is None:
         raise ValueError("the loop needs a C compiler: install cc or gcc")
     write_header(exported, out / f"{name}.h")
-    names = {"name": name, "magic": MAGIC.decode(), "silence": SILENCE, "cycle": task.control_period}
-    text = c_text("loop.c.jinja", Path(__file__).parent, **names, top=task.acceleration_range[1])
-    source = write_file(out / "loop.c", text)
+    names = {"name": name, "magic": MAGIC.decode(), "silence": SILENCE, "cycle": task.control_period,
+             "top": task.acceleration_range[1]}  # fmt: skip
+    source = write_file(out / "loop.c", c_text("loop.c.jinja", Path(__file__).parent, **names))
     flags = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Werror"]
     subprocess.run([compiler, *flags, str(source), "-lm", "-o", str(out / "loop")], check=True)
     return out / "loop"
@@ -66,8 +66,8 @@ def measured(exported: Exported, weight: float, played: list[Mapping[str, Any]])
     ages, velocity = (np.hstack([each[name] for each in played]) for name in ("ages", "object_velocity"))
     batch = ScenarioBatch(SEED, len(played), exported.task.changed({"time_weight": weight}))
     there = batch.play(exported.at(weight)).object_velocity.mean()
-    figures = {"approaches": len(played), "age_median": np.median(ages), "age_99": np.quantile(ages, 0.99)}
-    figures |= {"age_most": ages.max(), "object_velocity": velocity.mean(), "environment": there}
+    figures = {"approaches": len(played), "age_median": np.median(ages), "age_99": np.quantile(ages, 0.99),
+               "age_most": ages.max(), "object_velocity": velocity.mean(), "environment": there}  # fmt: skip
     return {name: float(value) for name, value in figures.items()}
 
 

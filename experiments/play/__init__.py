@@ -1,1 +1,1 @@
-"""A page in the browser on which a person steers the tool. Each episode, called a try, is stored in a file."""
+"""A page on which a person steers the tool. Each attempt (an episode; on the page: a try) is stored in a file."""

@@ -5,9 +5,8 @@ import sys
 import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
-from tyro.conf import FlagCreatePairsOff, Positional, arg
+from tyro.conf import FlagCreatePairsOff, Positional
 
 from impact_gym.support.command_line import run_command
 
@@ -20,25 +19,25 @@ class Play:
     machine can open the page. Each approach that you steer (a try) is saved as a file.
     """
 
-    setup: Annotated[Positional[str], arg(metavar="[SETUP]")] = "teleop-rigid"
+    setup: Positional[str] = "teleop-rigid"
     """Name or file of a set-up that has an operator (a model of a person who steers the arm). You replace the
     operator."""
-    assist: Annotated[str, arg(metavar="NAME")] = "none"
+    assist: str = "none"
     """Assistance (a controller at the arm that may change your command): none, brake, limit, policy or rule."""
-    port: Annotated[int, arg(metavar="PORT")] = 8765
+    port: int = 8765
     """Port of the server. 0: any free port."""
-    open: Annotated[FlagCreatePairsOff[bool], arg(help_behavior_hint="")] = True
+    open: FlagCreatePairsOff[bool] = True
     """With --no-open, the command does not open the page in a browser."""
-    out: Annotated[Path | None, arg(metavar="FOLDER", help_behavior_hint="(default: runs/play/SETUP)")] = None
-    """Folder for the files of the tries."""
+    out: Path | None = None
+    """Folder for the files of the tries. The default is runs/play/SETUP."""
 
 
 def work(options: Play) -> None:
     """Serve the page until the command is stopped."""
-    from experiments.play import assistance, server, session
+    from experiments.play import assistance, server
 
     setup = assistance.playable(options.setup)
-    played = session.Session(setup, options.assist, options.out or Path("runs/play") / setup.name)
+    played = server.Session(setup, options.assist, options.out or Path("runs/play") / setup.name)
 
     def ready(address: str) -> None:
         print(address, flush=True)

@@ -29,12 +29,12 @@ def playable(name: str) -> Setup:
     """Return the set-up `name`; ValueError: no such set-up, no operator, or a control period other than PERIOD."""
     setup = load_setup(name)
     if "operator" not in setup.environment:
-        operator, others = '{ type = "Reach", place_error = 0.0, creep = 0.1 }', map(load_setup, shipped())
+        others = ", ".join(each.name for each in map(load_setup, shipped()) if "operator" in each.environment)
         raise ValueError(
-            f"{setup.called} has no operator: add operator = {operator}, friction = 0.3 and horizon = 8.0 to its "
-            f"[environment], or take {', '.join(each.name for each in others if 'operator' in each.environment)}"
+            f'{setup.called} has no operator: add operator = {{ type = "Reach", place_error = 0.0, creep = 0.1 }}, '
+            f"friction = 0.3 and horizon = 8.0 to its [environment], or take {others}"
         )
-    if (period := setup.environment.get("control_period", PERIOD)) != PERIOD:
+    if (period := setup.task.control_period) != PERIOD:
         raise ValueError(f"{setup.called}: control_period must be {PERIOD} s for impact-gym play, got {period} s")
     return setup
 
@@ -60,13 +60,13 @@ def environment_of(setup: Setup) -> dict[str, Any]:
 
 def usual(setup: Setup) -> dict[str, float]:
     """Return the initial settings: the values of the set-up, or the middles of its ranges, limited to RANGES."""
-    parts: dict[str, tuple[str, ...]] = {"delay": WAYS, "jitter": ("uplink",)}
-    if setup.environment.get("coupling", {}).get("type") == "SpringDamper":
-        parts["stiffness"] = ("coupling",)
+    parts, given = {"delay": WAYS, "jitter": WAYS[:1], "stiffness": ("coupling",)}, setup.task.by_path()
+    if setup.environment.get("coupling", {}).get("type") != "SpringDamper":
+        del parts["stiffness"]
     settings = {}
     for name, of_setting in parts.items():
         _, low, high = RANGES[name]
-        middles = [np.mean(setup.environment.get(part, {}).get(name, 0.0)) for part in of_setting]
+        middles = [np.mean(given.get(f"{part}.{name}", 0.0)) for part in of_setting]
         settings[name] = float(sum(np.clip(middles, low / len(middles), high / len(middles))))
     return settings
 

@@ -1,11 +1,11 @@
-// Chart of the player's tries: slide of the object over the time until all is done; the colour is the assistance.
+// Chart of the player's attempts: slide of the object over the time until all is done; the colour is the assistance.
 const CHART = {width: 380, height: 270, left: 40, right: 14, top: 22, bottom: 38};
 const HELP = {none: "person", brake: "warning", limit: "profile", policy: "policy", rule: "rule"};
 
-function drawChart(svg, tries, assists) {
+function drawChart(svg, attempts, assists) {
   svg.replaceChildren();
   set(svg, {viewBox: `0 0 ${CHART.width} ${CHART.height}`});
-  const done = tries.filter((each) => !each.missed && !each.marks.length), last = tries[tries.length - 1];
+  const done = attempts.filter((each) => !each.missed && !each.marks.length), last = attempts[attempts.length - 1];
   const latest = Math.max(4, ...done.map((each) => 1.08 * each.done_time));
   const most = Math.max(3, ...done.map((each) => 112 * each.slide));
   const x = (time) => CHART.left + (CHART.width - CHART.left - CHART.right) * time / latest;

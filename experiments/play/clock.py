@@ -1,4 +1,4 @@
-"""The clock: a process that plays tries in real time or slower, and saves them even if the server is killed."""
+"""The clock: a process that plays attempts in real time or slower, and saves them even if the server is killed."""
 
 import math
 import multiprocessing
@@ -18,28 +18,28 @@ from typing import Any
 
 import numpy as np
 
-from experiments.play import try_files
+from experiments.play import attempts
 from experiments.play.assistance import PERIOD
-from experiments.play.tries import BUSY, Live, Try, timed_right
+from experiments.play.attempts import BUSY, Attempt, Live, timed_right
 from impact_gym.render.chain import object_radius
 from impact_gym.teleop.channels import CUT
 
 STOPPED = "the server was stopped"
 SILENT = 0.25  # s; if the player sends nothing for longer than this, the commanded velocity is 0
-HOLD = 1e-5  # m/s, sent instead of 0 until the player has seen the touch, because a command of 0 would end the try
+HOLD = 1e-5  # m/s, sent instead of 0 until the player has seen the touch, because a command of 0 would end the attempt
 
 
 @dataclass
 class Stick:
-    """All that the player does in a try, with its times: `at` returns the command at any moment up to now."""
+    """All that the player does in an attempt, with its times: `at` returns the command at any moment up to now."""
 
     inputs: list[tuple[float, float]] = field(default_factory=lambda: [(-math.inf, 0.0)])  # arrival (s), velocity (m/s)
     touched_at: float = math.inf  # s, from this moment on the player has seen the touch
     stopped_at: float = math.inf  # s, from this moment on the command is 0
-    marks: list[str] = field(default_factory=list)  # reasons for which the try was interrupted
+    marks: list[str] = field(default_factory=list)  # reasons for which the attempt was interrupted
 
     def stop(self, moment: float, why: str = "") -> None:
-        """Set the command to 0 from `moment` (s) on. Only the first call records `why` the try was interrupted."""
+        """Set the command to 0 from `moment` (s) on. Only the first call records `why` the attempt was interrupted."""
         if why and self.stopped_at == math.inf:
             self.marks.append(f"interrupted: {why}")
         self.stopped_at = min(self.stopped_at, moment)
@@ -54,15 +54,15 @@ class Stick:
 
 @dataclass
 class Clock:
-    """Plays the tries that the server requests, one after another."""
+    """Plays the attempts that the server requests, one after another."""
 
     server: Connection
     now: Callable[[], float] = time.perf_counter  # returns the time, s
     sleep: Callable[[float], None] = time.sleep  # waits for a time given in s
     stick: Stick = field(default_factory=Stick)
     gone: bool = False  # whether the server has ended
-    wanted: queue.SimpleQueue[tuple[Try, Path, bool] | None] = field(default_factory=queue.SimpleQueue)
-    unsaved: list[tuple[Path, Try]] = field(default_factory=list)  # tries that could not be written yet
+    wanted: queue.SimpleQueue[tuple[Attempt, Path, bool] | None] = field(default_factory=queue.SimpleQueue)
+    unsaved: list[tuple[Path, Attempt]] = field(default_factory=list)  # attempts that could not be written yet
 
     def listen(self) -> None:
         """Handle messages of the server until the server ends."""
@@ -90,54 +90,52 @@ class Clock:
         with suppress(OSError):
             self.server.send(message)
 
-    def play(self, wanted: Try, path: Path, seen: bool) -> None:
-        """Play a try, save it and send its results; `seen`: whether the object is visible before the touch."""
+    def play(self, wanted: Attempt, path: Path, seen: bool) -> None:
+        """Play an attempt, save it and send its results; `seen`: whether the object is visible before the touch."""
         try:
-            live = Live(wanted)
-            self.send(kind="began", setup=wanted.setup, radius=object_radius(live.kept.record["object_mass"]))
-            stick, slow, begun = self.stick, live.kept.slow, self.now()
-            self._run(live, seen, begun)
-            live.kept.marks.extend(stick.marks)
+            live, rng = Live(wanted), random.Random(wanted.seed)
+            kept, stick, slow, begun = live.kept, self.stick, wanted.slow, self.now()
+            self.send(kind="began", setup=kept.setup, radius=object_radius(kept.record["object_mass"]))
+            self.send(kind="frame", **frame(live, seen, rng))
+            start = begun
+            while not (live.ended or self.gone):
+                due = start + slow * (live.time + PERIOD)
+                while (left := due - self.now()) > 0.0:
+                    self.sleep(left)
+                late = self.now() - due
+                live.step(stick.at(start + slow * live.next_tick))
+                if late > slow * PERIOD:  # more than a step late: delay the schedule
+                    start += late
+                self.send(kind="frame", **frame(live, seen, rng))
+            kept.marks.extend(stick.marks)
             if not timed_right(live.finished(), lambda tick: stick.at(begun + slow * tick)):
-                live.kept.marks.append(BUSY)
-            self.unsaved.append((path, live.kept))
+                kept.marks.append(BUSY)
+            self.unsaved.append((path, kept))
             while self.unsaved:
-                try_files.write(*self.unsaved[0])
+                attempts.write(*self.unsaved[0])
                 self.unsaved.pop(0)
-            self.send(kind="ended", entry=entry_of(path.stem, live.kept))
+            self.send(kind="ended", entry=entry_of(path.stem, kept))
         except (OSError, RuntimeError, ValueError) as problem:
             self.send(kind="failed", text=str(problem))
 
-    def _run(self, live: Live, seen: bool, start: float) -> None:
-        slow, rng = live.kept.slow, random.Random(live.kept.seed)
-        self._send_frame(live, seen, rng)
-        while not (live.ended or self.gone):
-            due = start + slow * (live.time + PERIOD)
-            while (left := due - self.now()) > 0.0:
-                self.sleep(left)
-            late = self.now() - due
-            live.step(self.stick.at(start + slow * live.next_tick))
-            if late > slow * PERIOD:  # more than a step late: delay the schedule
-                start += late
-            self._send_frame(live, seen, rng)
 
-    def _send_frame(self, live: Live, seen: bool, rng: random.Random) -> None:
-        """Send a frame: positions (m) now and one step later, delay `wait` and time step `dt` in real time (s)."""
-        now, record, slow = live.batch.bodies(), live.kept.record, live.kept.slow
-        then = now if live.ended else live.ahead()
-        late = record["downlink.delay"] + record["downlink.jitter"] * min(rng.expovariate(1.0), CUT)
-        touched = bool(then.touched[0])
-        places = [np.round(np.ravel(each[1:4]), 6).tolist() for each in (now, then)]  # m; flange, tool, object
-        if not (seen or touched or live.ended):  # at the end, the page shows even a missed object
-            places = [[*chain, None] for *chain, _ in places]
-        self.send(
-            kind="frame", n=len(live.kept.actions), t=round(live.time, 4), touched=touched, wait=late * slow,
-            dt=round(float(then.time[0] - now.time[0]) * slow, 5), **dict(zip(("from", "to"), places, strict=True)),
-        )  # fmt: skip
+def frame(live: Live, seen: bool, rng: random.Random) -> dict[str, Any]:
+    """Return a frame: positions (m) now and one step later, delay `wait` and time step `dt` in real time (s)."""
+    now, record, slow = live.batch.bodies(), live.kept.record, live.kept.slow
+    then = now if live.ended else live.ahead()
+    late = record["downlink.delay"] + record["downlink.jitter"] * min(rng.expovariate(1.0), CUT)
+    touched = bool(then.touched[0])
+    positions = [np.round(np.ravel(each[1:4]), 6).tolist() for each in (now, then)]  # m; flange, tool, object
+    if not (seen or touched or live.ended):  # at the end, the page shows even a missed object
+        positions = [[*chain, None] for *chain, _ in positions]
+    return {
+        "n": len(live.kept.actions), "t": round(live.time, 4), "touched": touched, "wait": late * slow,
+        "dt": round(float(then.time[0] - now.time[0]) * slow, 5), "from": positions[0], "to": positions[1],
+    }  # fmt: skip
 
 
-def entry_of(name: str, this: Try) -> dict[str, Any]:
-    """Return the data of a try for the page's chart and table."""
+def entry_of(name: str, this: Attempt) -> dict[str, Any]:
+    """Return the data of an attempt for the page's chart and table."""
     return {"name": name, "setup": this.setup, "assist": this.assist, "delay": 2.0 * this.record["uplink.delay"],
             "marks": this.marks, **this.result}  # fmt: skip
 

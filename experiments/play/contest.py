@@ -1,4 +1,4 @@
-"""Films that compare a try with variants. A variant has another assistance, another coupling, or no delay."""
+"""Films that compare an attempt with variants. A variant has another assistance, another coupling, or no delay."""
 
 import math
 from collections.abc import Mapping
@@ -11,8 +11,8 @@ from agents.setups import load_setup
 from experiments.lab import player
 from experiments.lab.player.films import COLUMNS, scene_of
 from experiments.play.assistance import COUPLINGS, PERIOD, record_of, related, usual
-from experiments.play.tries import Live, Try, replayed
-from impact_gym.render.film import History
+from experiments.play.attempts import Attempt, Live, replayed
+from impact_gym.teleop.channels import WAYS
 
 SECONDS = 7.0  # s, duration of a film
 COARSE = 5.0  # factor of the film's allowed errors and time steps, so that the film is computed fast
@@ -27,42 +27,35 @@ SENTENCES = {
 }
 
 
-def again(this: Try) -> dict[str, tuple[Try, str]]:
-    """Return the player's try and its variants, each with a sentence about the difference, by names in the film."""
-    other, label = ("brake", "brake on") if this.assist == "none" else ("none", "no help")
-    found = {"You": (this, ""), f"Your hand, {label}": (_changed(this, assist=other), SENTENCES[other])}
+def again(this: Attempt) -> dict[str, tuple[Attempt, str]]:
+    """Return the player's attempt and its variants, each with a sentence about the difference, by names in the film."""
+    record, (other, label) = this.record, ("brake", "brake on") if this.assist == "none" else ("none", "no help")
+    changed = {label: (replace(this, assist=other), other)}
     for kind, setup in related(load_setup(this.setup)).items():
         if setup != this.setup:
-            found[f"Your hand, {COUPLINGS[kind]}"] = _changed(this, setup=setup), SENTENCES[kind]
-    if this.record["uplink.delay"] + this.record["downlink.delay"] > 0.0 and not this.result["missed"]:
-        found["Your hand, no delay"] = _without_delay(this), SENTENCES["delay"]
-    return found
+            same = {name: value for name, value in record.items() if not name.startswith("coupling.")}
+            coupled = record_of(usual(load_setup(setup))) | same
+            changed[COUPLINGS[kind]] = replace(this, setup=setup, record=coupled), kind
+    if record["uplink.delay"] + record["downlink.delay"] > 0.0 and not this.result["missed"]:
+        changed["no delay"] = _without_delay(this), "delay"
+    variants = {f"Your hand, {name}": (Live(new).finished(), SENTENCES[key]) for name, (new, key) in changed.items()}
+    return {"You": (this, ""), **variants}
 
 
-def _changed(this: Try, **changes: Any) -> Try:
-    new = replace(this, **changes)
-    known = Live(Try(new.setup, "none", new.seed, {})).kept.record
-    record = {name: value for name, value in new.record.items() if name in known}
-    if new.setup != this.setup:
-        same = {name: value for name, value in record.items() if not name.startswith("coupling.")}
-        record = record_of(usual(load_setup(new.setup))) | same
-    return Live(replace(new, record=record)).finished()
-
-
-def _without_delay(this: Try) -> Try:
-    """Return a try without delays or the commands that arrived after the touch but were sent before it was seen."""
+def _without_delay(this: Attempt) -> Attempt:
+    """Leave out delays, and the commands that arrived after the touch but were sent before it was seen."""
     record, touch, velocity = this.record, this.result["touch_time"], this.operator["velocity"]
-    silent = {f"{way}.{name}": 0.0 for way in ("uplink", "downlink") for name in ("delay", "jitter")}
+    silent = {f"{way}.{name}": 0.0 for way in WAYS for name in ("delay", "jitter")}
     sent = math.floor((touch - record["uplink.delay"]) / PERIOD)
     seen = math.ceil((touch + record["downlink.delay"]) / PERIOD)
     kept = [*velocity[: sent + 1], *(velocity[seen:] or velocity[-1:])]
     operator = {"type": "Replay", "time": [PERIOD * k for k in range(len(kept))], "velocity": kept}
-    return _changed(this, record=record | silent, operator=operator)
+    return replace(this, record=record | silent, operator=operator)
 
 
-def film(variants: Mapping[str, tuple[Try, str]]) -> dict[str, Any]:
+def film(variants: Mapping[str, tuple[Attempt, str]]) -> dict[str, Any]:
     """Return `html`, a slow-motion film, and `slides`: slide (m) by variant, None for a missed object."""
-    runs = {name: History(*replayed(played), ended=True) for name, (played, _) in variants.items()}
+    runs = {name: replayed(played) for name, (played, _) in variants.items()}
     scene = {"label": "one scenario for all", "number": 0, "compact": True, **scene_of(runs, COARSE)}
     for run, (_, sentence) in zip(scene["runs"], variants.values(), strict=True):
         run["sentence"] = sentence

@@ -2,12 +2,12 @@
 const part = (id) => document.getElementById(id);
 const GENTLE = 0.01;  // m; a shorter slide is gentle
 const PAUSE = 500;  // ms after a try, in which arrow keys do not begin the next try
-const MOST_TRIES = 200;  // largest number of tries on the chart
+const MOST_ATTEMPTS = 200;  // largest number of attempts on the chart
 const BEAT = 60, LEAST = 6;  // ms, longest and shortest time between two messages
 const AHEAD_OF_EYES = 12;  // ms, assumed time between drawing a picture and its appearance on the screen
 const page = {
   hello: null, socket: null, stage: null, frame: null, came: 0, running: false, asked: false, player: false,
-  tries: [], sent: NaN, sentAt: 0, overAt: -Infinity, round: 0, played: null, playedRound: 0, film: 0,
+  attempts: [], sent: NaN, sentAt: 0, overAt: -Infinity, round: 0, played: null, playedRound: 0, film: 0,
 };
 const set_up = {};  // chosen settings, by name
 
@@ -60,11 +60,11 @@ function end() {
 
 // Return the assistance for a repetition of the last try: the brake, or none if the last try had an assistance.
 function otherHelp() {
-  return page.tries.length && page.tries[page.tries.length - 1].assist === "none" ? "brake" : "none";
+  return page.attempts.length && page.attempts[page.attempts.length - 1].assist === "none" ? "brake" : "none";
 }
 
 function again() {
-  if (page.tries.length) ask({...page.played || options(page.hello, set_up, page.round), assist: otherHelp()}, page.playedRound);
+  if (page.attempts.length) ask({...page.played || options(page.hello, set_up, page.round), assist: otherHelp()}, page.playedRound);
 }
 
 const stick = stickOf(part("stick"), {
@@ -116,10 +116,10 @@ function choose(changes) {
     toStick();
   });
   const help = part("help"), name = otherHelp() === "brake" ? "with the brake" : "without help";
-  const label = page.tries.length === 0 ? "Begin" : page.round < ROUNDS.length - 1 ? `Next: ${ROUNDS[page.round].name}` : "Again";
+  const label = page.attempts.length === 0 ? "Begin" : page.round < ROUNDS.length - 1 ? `Next: ${ROUNDS[page.round].name}` : "Again";
   part("go").replaceChildren(`${label} `);
   html("kbd", {}, part("go"), "Enter");
-  help.hidden = page.tries.length === 0;
+  help.hidden = page.attempts.length === 0;
   help.replaceChildren(`Again, ${name} `);
   html("kbd", {}, help, "B");
 }
@@ -130,13 +130,13 @@ function draw(now) {
   steer(now);
   const {frame, stage} = page;
   if (!frame || !stage || frame.still) return;
-  const share = clamp((performance.now() + AHEAD_OF_EYES - page.came) / (1000 * frame.dt || 1), 0, 1);
-  stage.update(frame.from.map((from, k) => from === null || frame.to[k] === null ? frame.to[k] : from + share * (frame.to[k] - from)));
+  const fraction = clamp((performance.now() + AHEAD_OF_EYES - page.came) / (1000 * frame.dt || 1), 0, 1);
+  stage.update(frame.from.map((from, k) => from === null || frame.to[k] === null ? frame.to[k] : from + fraction * (frame.to[k] - from)));
   const speed = frame.dt ? (frame.to[0] - frame.from[0]) / frame.dt * set_up.slow : 0;
   write("speed", `${Math.round(100 * speed)} cm/s`.replace("-", "\u2212"));
   write("clock", `${Math.max(about().horizon - frame.t, 0).toFixed(1)} s left`);
-  frame.still = share >= 1;
-  if (frame.still && !page.running && page.tries.length) stage.result(page.tries[page.tries.length - 1].slide);
+  frame.still = fraction >= 1;
+  if (frame.still && !page.running && page.attempts.length) stage.result(page.attempts[page.attempts.length - 1].slide);
 }
 
 // Show the film of a try.
@@ -156,7 +156,7 @@ async function film(name) {
   }
 }
 
-// Write the slides of the film's tries into the result, such as 'You: 12.2 cm. Your hand, brake on: 0.1 mm.'
+// Write the slides of the film's attempts into the result, such as 'You: 12.2 cm. Your hand, brake on: 0.1 mm.'
 function summarise(slides) {
   const texts = Object.entries(slides).map(([who, slide], k) => {
     const name = k > 1 ? who.replace(/^Your hand, ./, (found) => found.slice(-1).toUpperCase()) : who;
@@ -167,7 +167,7 @@ function summarise(slides) {
 }
 
 function result(entry) {
-  const box = part("answer"), counted = page.tries.filter((each) => !each.missed && !each.marks.length);
+  const box = part("answer"), counted = page.attempts.filter((each) => !each.missed && !each.marks.length);
   const best = Math.min(...counted.map((each) => each.slide));
   box.hidden = false;
   box.replaceChildren();
@@ -185,9 +185,9 @@ function result(entry) {
 
 function tabulate() {
   part("rows").replaceChildren();
-  part("earlier").hidden = part("figure").hidden = page.tries.length === 0;
-  page.tries.slice(-50).reverse().forEach((each, k) => {
-    const row = html("tr", {}, part("rows")), number = page.tries.length - k;
+  part("earlier").hidden = part("figure").hidden = page.attempts.length === 0;
+  page.attempts.slice(-50).reverse().forEach((each, k) => {
+    const row = html("tr", {}, part("rows")), number = page.attempts.length - k;
     html("td", {class: "left"}, row, String(number));
     html("td", {class: "left"}, row, page.hello.assists[each.assist] + (each.marks.length ? `; ${each.marks.join("; ")}` : ""));
     html("td", {}, row, String(Math.round(1000 * each.delay)));
@@ -197,7 +197,7 @@ function tabulate() {
     const cell = html("td", {class: "left"}, row);
     html("button", {type: "button", "aria-label": `Watch try ${number}`}, cell, "watch").addEventListener("click", () => film(each.name));
   });
-  drawChart(part("chart"), page.tries, page.hello.assists);
+  drawChart(part("chart"), page.attempts, page.hello.assists);
 }
 
 function ready() {
@@ -207,22 +207,17 @@ function ready() {
 
 const HEARD = {
   hello(message) {
-    const round = message.tries.length ? ROUNDS.length - 1 : 0;
-    Object.assign(page, {hello: message, tries: message.tries, round});
+    const round = message.attempts.length ? ROUNDS.length - 1 : 0;
+    Object.assign(page, {hello: message, attempts: message.attempts, round});
     Object.assign(set_up, message.setups[message.setup].usual, {assist: message.assist, slow: 1, seen: false});
     choose({setup: message.setup, ...ROUNDS[page.round].sets});
     tabulate();
-  },
-  role(message) {
-    page.player = message.player;
-    mode("watching", !message.player);
-    if (!message.player) {
-      banner("Another tab has the stick. You are watching.", "Take the stick", () => send({take: 1}));
-    } else {
-      banner(message.others ? `You have the stick; ${message.others} more ${message.others > 1 ? "tabs are" : "tab is"} watching.` : "");
-      write("state", "hold \u2192, or drag the stick");
-    }
+    page.player = true;
+    write("state", "hold \u2192, or drag the stick");
     ready();
+  },
+  taken() {
+    page.socket.close(4000, "another tab took the stick");
   },
   began(message) {
     Object.assign(page, {running: true, asked: false, frame: null});
@@ -248,7 +243,7 @@ const HEARD = {
   ended(message) {
     const {entry} = message;
     over();
-    page.tries = [...page.tries, entry].slice(-MOST_TRIES);
+    page.attempts = [...page.attempts, entry].slice(-MOST_ATTEMPTS);
     if (page.frame) page.frame.still = false;
     const next = page.playedRound === page.round && page.round < ROUNDS.length - 1;
     if (next && !entry.missed && !entry.marks.length) choose(ROUNDS[++page.round].sets);
@@ -286,7 +281,7 @@ function connect() {
     page.player = false;
     over();
     const retry = event.code !== 1012 && event.code !== 1006;
-    banner(retry ? `The server closed the connection: ${event.reason || "no reason given"}.`
+    banner(retry ? `The connection was closed: ${event.reason || "no reason given"}.`
       : "The server has stopped; the tries that ended are kept. Start it again, then open the address that it prints.",
       retry ? "Connect again" : "", connect);
   });

@@ -1,4 +1,7 @@
-"""The page's server answers only requests from this machine that have a secret token in the address."""
+"""The page's server: it checks messages of the page, and forwards messages of the clock (the process that plays) to it.
+
+The server answers only requests from this machine that have a secret token in the address.
+"""
 
 import asyncio
 import json
@@ -6,8 +9,10 @@ import logging
 import secrets
 import socket
 import time
+from collections import deque
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
+from datetime import datetime
 from http import HTTPStatus
 from pathlib import Path
 from typing import Any
@@ -18,17 +23,18 @@ from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
+from agents.setups import Setup
 from experiments.lab import player
-from experiments.play import contest, try_files
-from experiments.play.clock import STOPPED
-from experiments.play.session import Session
-from impact_gym.support.validation import number
+from experiments.play import attempts, clock, contest
+from experiments.play.assistance import NAMES, RANGES, about, assistance, playable, record_of, related
+from impact_gym.support.files import locked
+from impact_gym.support.validation import choice, flag, identifier, number, one_of
 
 HERE, LAB = Path(__file__).parent, Path(__file__).parents[1] / "lab"
 SCRIPTS = tuple(HERE / name for name in ("stage.js", "stick.js", "settings.js", "chart.js", "play.js"))
 HOST = "127.0.0.1"
-MAX_CLIENTS, MESSAGE_BYTES, RATE = 16, 512, 250.0  # limits: pages; bytes in a message; messages per second from a page
-TIME_LIMIT, FILM_LIMIT = 5.0, 60.0  # s, time limits: for a page to read a message; for the server to make a film
+MESSAGE_BYTES, RATE = 512, 250.0  # limits: bytes in a message; messages per second from a page
+FILM_LIMIT = 60.0  # s, time limit for the server to make a film
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
     "img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
@@ -36,41 +42,135 @@ HEADERS = {
     "Cross-Origin-Opener-Policy": "same-origin", "Cross-Origin-Resource-Policy": "same-origin", "Connection": "close",
 }  # fmt: skip
 RESTART = 1012  # code with which the server closes a connection when the server stops
+MAX_ON_CHART = 200  # largest number of attempts on the chart
+Page = Callable[[dict[str, Any]], object]
+"""A function that sends a message to a page."""
 
 
-class Client:
-    """A connected page, with a queue of messages to the page and a limit on the rate of messages from the page."""
+class Session:
+    """The page that steers, which is the one opened last, and the attempt in progress, if there is one."""
 
-    def __init__(self, socket: server.ServerConnection, now: Callable[[], float]) -> None:
-        self.socket, self._queue, self._has_messages = socket, list[dict[str, Any]](), asyncio.Event()
-        self._now, self._allowance, self._last_message = now, RATE, now()
+    def __init__(self, setup: Setup, assist: str, folder: Path, start: Callable[[], Any] = clock.start) -> None:
+        """Read the attempts in `folder`, `start` the clock; ValueError: no such assistance, or the folder is in use."""
+        assistance(assist, setup)
+        self._lock = ExitStack()  # the clock's process inherits the lock
+        self._lock.enter_context(locked(folder / ".lock", wait=False))
+        self.setup, self.assist, self.folder = setup.called, assist, folder
+        self.page: Page | None = None
+        self.setups = {name: about(playable(name)) for name in related(setup).values()}
+        self.busy, self._speeds = (
+            False,
+            (-1.0, 1.0),
+        )  # whether an attempt is in progress; velocity range of the arm, m/s
+        self._seen_at, self._newest = 0.0, -1  # s, latest time for sending a frame; number of the newest sent frame
+        self.history: deque[dict[str, Any]] = deque(maxlen=MAX_ON_CHART)
+        self.left_out = list[str]()  # reasons for which .json files are left out
+        for path in sorted(folder.glob("*.json")):
+            try:
+                name = identifier(f"name of {path}", path.stem)
+                self.history.append(clock.entry_of(name, attempts.read(path)))
+            except ValueError as problem:
+                self.left_out.append(str(problem))
+        self.pipe, self._join_clock = start()
 
-    def enqueue(self, message: dict[str, Any]) -> None:
-        """Queue a message. A frame replaces the last message in the queue if that message is a frame, too."""
-        if message["kind"] == "frame" and self._queue and self._queue[-1]["kind"] == "frame":
-            self._queue.pop()
-        self._queue.append(message)
-        self._has_messages.set()
+    def handle(self, page: Page, message: Any) -> None:
+        """Handle a message of a page; ValueError: the message is invalid."""
+        one_of("message", message, dict)
+        if len(message) != 1:
+            raise ValueError("a message must have one key")
+        ((word, value),) = message.items()
+        choice("message", word, ("v", "begin", "done"))
+        if page is not self.page:
+            return
+        if word == "v":
+            stick = number("v", value, "(of full speed)", at_least=-1.0, at_most=1.0)
+            if self.busy:  # the clock keeps all inputs of an attempt
+                self._send("v", abs(stick) * self._speeds[stick >= 0.0])
+        elif word == "done":
+            self._send("stop", "")
+        elif not self.busy:
+            self._begin(value)
 
-    async def send(self) -> None:
-        """Send queued messages until the page disconnects or does not read."""
-        with suppress(TimeoutError, ConnectionClosed):
-            while await self._has_messages.wait():
-                self._has_messages.clear()
-                while self._queue:
-                    await asyncio.wait_for(self.socket.send(json.dumps(self._queue.pop(0))), TIME_LIMIT)
+    def _begin(self, options: Any) -> None:
+        one_of("begin", options, dict)
+        choice("setup", options.get("setup"), list(self.setups))
+        choice("assist", options.get("assist"), list(NAMES))
+        flag("seen", options.get("seen"))
+        chosen, settings = self.setups[options["setup"]], {}
+        for name, usual in chosen["usual"].items():
+            unit, low, high = RANGES[name]
+            settings[name] = number(name, options.get(name, usual), unit, at_least=low, at_most=high)
+        slow = number("slow", options.get("slow"), "(times)", at_least=1.0, at_most=attempts.SLOWEST)
+        record = record_of(settings)
+        if (distance := options.get("distance")) is not None:  # without a distance in the record, the distance is drawn
+            near, far = chosen["distance"]
+            record["distance"] = number("distance", distance, "m", at_least=near, at_most=far)
+        self._speeds, self._newest, self.busy = chosen["speeds"], -1, True
+        seed, path = secrets.randbelow(2**31), self.folder / f"{datetime.now():%Y%m%d-%H%M%S-%f}.json"
+        wanted = attempts.Attempt(options["setup"], options["assist"], seed, record, slow=slow)
+        self._send("play", (wanted, path, options["seen"]))
 
-    async def receive(self) -> Any:
-        """Return the next message from the page. ValueError: it is not JSON, or messages arrive faster than RATE."""
+    def join(self, page: Page) -> None:
+        """Let a page steer; send set-ups, assistances, RANGES and earlier attempts to this page."""
+        if self.page:
+            self.page({"kind": "taken"})
+            self._send("stop", "another tab took the stick")
+        self.page = page
+        page({
+            "kind": "hello", "setups": self.setups, "setup": self.setup, "assists": NAMES, "assist": self.assist,
+            "attempts": list(self.history), **{name: limits for name, (_, *limits) in RANGES.items()},
+        })  # fmt: skip
+
+    def leave(self, page: Page, why: str) -> None:
+        """Remove a page, for the reason `why`; if this page steered, the arm stops."""
+        if page is self.page:
+            self._send("stop", why)
+            self.page = None
+
+    def _send(self, word: str, value: Any) -> None:
+        with suppress(OSError):
+            self.pipe.send((word, value))
+
+    def listen(self) -> None:
+        """Handle the messages of the clock that have arrived."""
+        loop = asyncio.get_running_loop()
         try:
-            message = json.loads(await self.socket.recv())
-        except (ValueError, RecursionError):
-            raise ValueError("a message must be JSON") from None
-        before, self._last_message = self._last_message, self._now()
-        self._allowance = min(self._allowance + RATE * (self._last_message - before), RATE) - 1.0
-        if self._allowance < 0.0:
-            raise ValueError(f"more than {RATE:g} messages a second")
-        return message
+            while self.pipe.poll():
+                self.schedule(self.pipe.recv(), loop)
+        except (EOFError, OSError):
+            loop.remove_reader(self.pipe.fileno())
+            self._forward({"kind": "failed", "text": "the clock has stopped: start impact-gym play again"})
+
+    def schedule(self, message: dict[str, Any], loop: Any) -> None:
+        """Let `loop` forward a frame of the clock after the frame's delay, and a result after the last frame."""
+        at = loop.time() + message.pop("wait", 0.0)
+        if message["kind"] == "frame":
+            self._seen_at = max(self._seen_at, at)
+        elif message["kind"] in ("ended", "failed"):
+            at = max(at, self._seen_at + 1e-6)  # two calls at the same time may run in any order
+        loop.call_at(at, self._forward, message)
+
+    def _forward(self, message: dict[str, Any]) -> None:
+        """Send a message to the page, except a frame that is not newer than the last one."""
+        kind = message["kind"]
+        if kind == "frame":
+            if message["n"] <= self._newest:
+                return
+            self._newest = message["n"]
+            if message["touched"]:
+                self._send("touched", None)
+        elif kind in ("ended", "failed"):
+            self.busy = False
+        if kind == "ended":
+            self.history.append(message["entry"])
+        if self.page:
+            self.page(message)
+
+    def close(self) -> None:
+        """Stop the clock, which saves the attempt in progress, and release the folder."""
+        self.pipe.close()
+        self._join_clock(20.0)
+        self._lock.close()
 
 
 def foreign(request: Request, token: str, port: int) -> str | None:
@@ -112,41 +212,46 @@ class Site:
             return reply(405, "only GET\n")
         kind, _, name = request.path.partition("?")[0].removeprefix(f"/{self.token}/").partition("/")
         if kind == "ws":
-            full = len(self.session.clients) >= MAX_CLIENTS
-            return reply(503, f"at most {MAX_CLIENTS} pages\n") if full else None
+            return None
         if kind in self.files and not name:
             return reply(200, *self.files[kind])
         if kind != "film":
             return reply(404, "not found\n")
         try:
             path = self.session.folder / f"{unquote(name)}.json"
-            film = await asyncio.to_thread(lambda: contest.film(contest.again(try_files.read(path))))
+            film = await asyncio.to_thread(lambda: contest.film(contest.again(attempts.read(path))))
         except (OSError, RuntimeError, ValueError, TypeError, LookupError) as problem:
             return reply(404, str(problem))
         return reply(200, json.dumps(film), "application/json")
 
     async def serve_page(self, page: server.ServerConnection) -> None:
-        """Exchange messages with a page until it disconnects, does not read, or sends an invalid message."""
-        session, client, why = self.session, Client(page, self.now), "the page was closed"
-        session.join(client)
-        sender = asyncio.create_task(client.send())
+        """Exchange messages with a page until it disconnects or sends an invalid message, or messages too fast."""
+
+        def send(message: dict[str, Any]) -> None:
+            server.broadcast([page], json.dumps(message))
+
+        why, allowance, last = "the page was closed", RATE, self.now()
+        self.session.join(send)
         try:
-            while not sender.done():
-                session.handle(client, await client.receive())
-            why = "the page did not read"
+            while True:
+                text, before, last = await page.recv(), last, self.now()
+                allowance = min(allowance + RATE * (last - before), RATE) - 1.0
+                if allowance < 0.0:
+                    raise ValueError(f"more than {RATE:g} messages a second")
+                self.session.handle(send, json.loads(text))
+        except (json.JSONDecodeError, UnicodeDecodeError, RecursionError):
+            why = "a message must be JSON"
         except ValueError as problem:
             why = str(problem).partition(", got ")[0][:120]  # leave out text that the page sent
         except ConnectionClosed as gone:
-            why = STOPPED if gone.sent and gone.sent.code == RESTART else why
+            why = clock.STOPPED if gone.sent and gone.sent.code == RESTART else why
         finally:
-            session.leave(client, why)
-            sender.cancel()
+            self.session.leave(send, why)
         await page.close(1008, why)
 
 
-async def _run(session: Session, listening: socket.socket, ready: Callable[[str], None]) -> None:
-    token, port = secrets.token_urlsafe(16), listening.getsockname()[1]
-    site = Site(session, token, port)
+async def _serve(session: Session, listening: socket.socket, ready: Callable[[str], None]) -> None:
+    site = Site(session, secrets.token_urlsafe(16), listening.getsockname()[1])
     logging.getLogger("websockets").setLevel(logging.CRITICAL)
     running = await server.serve(
         site.serve_page, sock=listening, process_request=site.answer, server_header=None, compression=None,
@@ -154,7 +259,7 @@ async def _run(session: Session, listening: socket.socket, ready: Callable[[str]
     )  # fmt: skip
     try:
         asyncio.get_running_loop().add_reader(session.pipe.fileno(), session.listen)
-        ready(f"http://{HOST}:{port}/{token}/")
+        ready(f"http://{HOST}:{site.port}/{site.token}/")
         await running.wait_closed()
     finally:
         running.close(code=RESTART)
@@ -168,4 +273,4 @@ def serve(session: Session, port: int, ready: Callable[[str], None]) -> None:
         listening = socket.create_server((HOST, port))
     except OSError as problem:
         raise ValueError(f"port must be free, or 0 for any free port, got {port}: {problem}") from None
-    asyncio.run(_run(session, listening, ready))
+    asyncio.run(_serve(session, listening, ready))

@@ -2,16 +2,16 @@
 const HOLDS = {rigid: "fixed to the arm", spring: "a spring and a damper", bistable: "a bistable mechanism"};
 const SLOW = {1: "real time", 2: "half", 4: "a quarter", 8: "an eighth"};
 const ROUNDS = [
-  {name: "near", task: "The object is near. Push until you touch it, then let go.", place: 0.15, sets: {delay: 0, jitter: 0, seen: true}},
-  {name: "far", task: "Now the object is far, and your commands arrive late.", place: 0.85, sets: {delay: 0.2, jitter: 0, seen: true}},
+  {name: "near", task: "The object is near. Push until you touch it, then let go.", fraction: 0.15, sets: {delay: 0, jitter: 0, seen: true}},
+  {name: "far", task: "Now the object is far, and your commands arrive late.", fraction: 0.85, sets: {delay: 0.2, jitter: 0, seen: true}},
   {name: "blind and late", task: "Now you do not see the object until you touch it.", sets: {delay: 0.2, jitter: 0, seen: false}},
   {name: "free play", task: "Choose the settings below.", sets: {}},
 ];
 
 // Return the values with which the server begins a try.
 function options(hello, chosen, number) {
-  const {place} = ROUNDS[number], [near, far] = hello.setups[chosen.setup].distance;
-  return place === undefined ? {...chosen} : {...chosen, distance: near + place * (far - near)};
+  const {fraction} = ROUNDS[number], [near, far] = hello.setups[chosen.setup].distance;
+  return fraction === undefined ? {...chosen} : {...chosen, distance: near + fraction * (far - near)};
 }
 
 function drawRounds(chosen, number, pick) {

@@ -3,7 +3,7 @@ const ZERO = 1 / 3, DEAD = 0.12, LEVELS = [0.1, 0.2, 0.4, 0.6, 0.8, 1];
 
 function stickOf(element, on) {
   const knob = element.querySelector(".knob"), push = element.querySelector(".push");
-  const sources = {keys: 0, pointer: 0, pad: 0}, held = {forward: false, back: false};
+  const sources = {keys: 0, pointer: 0, pad: 0}, down = {forward: false, back: false};
   let level = 3, value = 0, pressed = [], released = true;
 
   function merge() {
@@ -22,12 +22,12 @@ function stickOf(element, on) {
   }
 
   function byKeys() {
-    sources.keys = LEVELS[level] * (held.forward - held.back);
+    sources.keys = LEVELS[level] * (down.forward - down.back);
     merge();
   }
 
   function letGo() {
-    held.forward = held.back = false;
+    down.forward = down.back = false;
     sources.keys = sources.pointer = 0;
     merge();
   }
@@ -43,7 +43,7 @@ function stickOf(element, on) {
     event.preventDefault();
     if (event.repeat) return;
     if (way) {
-      held[way] = true;
+      down[way] = true;
       on.pushed();
       byKeys();
     } else if (rung) {
@@ -56,15 +56,15 @@ function stickOf(element, on) {
     }
   });
   addEventListener("keyup", ({key}) => {
-    if (ways[key]) held[ways[key]] = false;
+    if (ways[key]) down[ways[key]] = false;
     byKeys();
   });
   addEventListener("blur", letGo);
   document.addEventListener("visibilitychange", letGo);
 
   const point = (event) => {
-    const box = element.getBoundingClientRect(), share = (event.clientX - box.left) / box.width - ZERO;
-    const wanted = clamp(share > 0 ? share / (0.97 - ZERO) : share / (ZERO - 0.03), -1, 1);
+    const box = element.getBoundingClientRect(), offset = (event.clientX - box.left) / box.width - ZERO;
+    const wanted = clamp(offset > 0 ? offset / (0.97 - ZERO) : offset / (ZERO - 0.03), -1, 1);
     sources.pointer = Math.abs(wanted) < 0.04 ? 0 : Math.round(1000 * wanted) / 1000;
     merge();
   };

@@ -1,4 +1,4 @@
-"""Datasets of Minari: their contract, atomic writes, bit-exact replay; an operator made of tries."""
+"""Datasets of Minari: their contract, atomic writes, bit-exact replay; an operator made of attempts."""
 
 import json
 import runpy
@@ -16,7 +16,7 @@ from refusal import refused
 from agents.baselines import PaperTrapezoid
 from agents.policies import load_policy
 from agents.setups import load_baseline, load_setup
-from experiments.play import try_files
+from experiments.play import attempts
 from impact_gym.support.sources import compiled_from
 
 minari = pytest.importorskip("minari")
@@ -34,13 +34,13 @@ def root(tmp_path, monkeypatch):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Tries of persons who push beyond the touch, with several delays and assistances; one is marked."""
-    path = tmp_path_factory.mktemp("tries")
+    """Attempts of persons who push beyond the touch, with several delays and assistances; one is marked."""
+    path = tmp_path_factory.mktemp("attempts")
     for seed, assist in enumerate(("none", "brake", "policy", "limit", "none")):
         options = {"assist": assist, "seed": seed, "delay": 0.1 * seed}
         this = pushed(lambda time, seed=seed: 0.1 + 0.3 * np.sin(3.0 * time + seed) ** 2, **options)
         this.marks.extend(["interrupted: a test"] * (seed == 4))
-        try_files.write(path / f"{seed}.json", this)
+        attempts.write(path / f"{seed}.json", this)
     return path
 
 
@@ -146,8 +146,8 @@ def test_tries_of_persons_play_again_to_the_bit(folder):
     refused(lambda: make(folder.parent), "has no try of a person to use")
     make(folder)
     name = "impact/teleop-spring/person-v0"
-    assert (dataset.check(name), len(try_files.of_persons(folder, True))) == (4, 5)
-    for this, episode in zip(try_files.of_persons(folder), minari.load_dataset(name), strict=True):
+    assert (dataset.check(name), len(attempts.of_persons(folder, True))) == (4, 5)
+    for this, episode in zip(attempts.of_persons(folder), minari.load_dataset(name), strict=True):
         assert np.array_equal(episode.actions, np.array(this.actions, np.float32))
         assert {*episode.infos["command"]} <= {*np.float64(this.operator["velocity"]), 0.0}
         assert episode.infos["done_time"][-1] == this.result["done_time"]
@@ -164,7 +164,7 @@ def test_operator_draws_every_recording_and_a_set_up_takes_it(folder, tmp_path):
         env.reset(seed=seed)
         drawn.add(int(env.unwrapped.episode_info()["record"]["operator.recording"]))
     assert drawn == {0, 1, 2, 3}
-    for number, this in enumerate(try_files.of_persons(folder)):
+    for number, this in enumerate(attempts.of_persons(folder)):
         env.reset(seed=1, options={"record": {"operator.recording": number, "uplink.delay": 0.0, "distance": 0.79}})
         sent = {env.step(np.array([1.0, 1.0, -1.0], np.float32))[4]["command"] for _ in range(40)}
         assert (sent <= {*this.operator["velocity"]}, len(sent) > 20) == (True, True)

@@ -1,4 +1,4 @@
-"""Designs: laws of pads and of a tool in flight, limits, and the study, which continues and chooses by validation."""
+"""Designs: laws of pads and of a tool in flight, limits, and the study, which continues and chooses by loss."""
 
 import re
 from dataclasses import asdict, replace
@@ -13,11 +13,10 @@ from agents.evaluate.scenario_batch import TUNING_SEED, ScenarioBatch, Travel
 from agents.setups import load_setup
 from agents.setups.tuned import read_tuned
 from experiments.design.__main__ import design
-from experiments.design.findings import chart
 from experiments.design.options import CHOSEN, FRONT, PAPER, DesignOptions
-from experiments.design.pads import PADS, on_pad, pad_of
-from experiments.design.search import PENALTY, Candidate, Limits, SearchBudget, objective, play
-from experiments.design.study import PAPERS_RULE, Search, study_of
+from experiments.design.pads import PADS, Pad
+from experiments.design.search import PENALTY, Candidate, Limits, objective, play
+from experiments.design.study import PAPERS_RULE, Search, chart
 from experiments.design.variables import SearchVariable, as_built
 from experiments.lab.study import StudyOptions, StudyRun
 from impact_gym.task import Task
@@ -27,9 +26,9 @@ PROFILE = list(read_tuned("blind-profile")["weights"]["2"]["parameters"].values(
 
 @pytest.mark.parametrize("name", PADS)
 def test_pad_and_object_are_two_springs_in_series(name):
-    pad, restitution = pad_of(name), 0.8
+    pad, restitution = Pad.of(name), 0.8
     for stiffness in (1e3, 1e5, 1e7):
-        together, rebound = on_pad(name, stiffness, restitution)
+        together, rebound = pad.contact(stiffness, restitution)
         pressed = np.array([pad.stiffness, stiffness]) ** (-2 / 3)  # m at 1 N; each stores 0.4 J/m of it
         assert together ** (-2 / 3) == pytest.approx(pressed.sum())
         lost = pressed @ [1.0 - pad.restitution**2, 1.0 - restitution**2]
@@ -50,7 +49,7 @@ def test_search_allows_for_more_than_the_tolerance():
 
     def loss(off):
         limits = Limits(0.125 * 5.0 / (350.0 * (1.0 - off)))
-        return objective(candidate, variables, 9.0, limits, SearchBudget(0.05, 100, population=4))(candidates)[0, 0]
+        return objective(candidate, variables, 9.0, limits, 0.05, 100, 4)(candidates)[0, 0]
 
     assert loss(0.055) - loss(0.5) == pytest.approx(PENALTY * (0.945 / 0.94 - 1.0), rel=0.2)  # 100 designs, not all
     assert loss(0.06) == loss(0.5)
@@ -76,11 +75,11 @@ def test_play_draws_each_design_within_its_tolerance():
     design = {"coupling.stiffness": 80.0, "coupling.damping_ratio": 0.4}
     assert as_built({"coupling.rear_stop": -0.02}, 0.05) == {"coupling.rear_stop": pytest.approx([-0.021, -0.019])}
     candidate = asdict(Candidate({}, "BlindProfile", PROFILE, design))
-    alone = ScenarioBatch.of("validation", None, Task().changed(design), threads=1).play(BlindProfile(PROFILE))
-    assert (play(candidate, 0.0, "validation", {})["object_velocity"].to_numpy() == alone.object_velocity).all()
-    assert (play(candidate, 0.05, "validation", {})["object_velocity"].to_numpy() != alone.object_velocity).all()
-    soft = play({**candidate, "pad": "neoprene"}, 0.0, "validation", {})
-    through_pad = on_pad("neoprene", alone.scenario["contact_stiffness"], alone.scenario["restitution"])
+    alone = ScenarioBatch.of("test", None, Task().changed(design), threads=1).play(BlindProfile(PROFILE))
+    assert (play(candidate, 0.0, {})["object_velocity"].to_numpy() == alone.object_velocity).all()
+    assert (play(candidate, 0.05, {})["object_velocity"].to_numpy() != alone.object_velocity).all()
+    soft = play({**candidate, "material": "neoprene"}, 0.0, {})
+    through_pad = Pad.of("neoprene").contact(alone.scenario["contact_stiffness"], alone.scenario["restitution"])
     for name, values in zip(("contact_stiffness", "restitution"), through_pad, strict=True):
         assert soft[name].to_numpy() == pytest.approx(values)
 
@@ -88,16 +87,16 @@ def test_play_draws_each_design_within_its_tolerance():
 @pytest.fixture
 def small(tmp_path):
     spring = ("coupling.stiffness=20:200", "coupling.damping_ratio=0.2:2")
-    few = {"search": SearchBudget(scenarios=12, budget=8, population=8), "seeds": 1, "processes": 0, "against": ()}
+    few = {"scenarios": 12, "budget": 8, "population": 8, "seeds": 1, "processes": 0, "against": ()}
     return DesignOptions("linear-blind", spring, tmp_path / "out", times=(1.3, 1.0), **few)
 
 
 def test_stopped_study_continues_to_a_set_up_and_a_page(small):
-    options = small.checked()  # with sorted times
-    begun = StudyRun(study_of(options), StudyOptions(small.out, processes=0), "the command")
+    search = Search(small)
+    begun = StudyRun(search.study(), StudyOptions(small.out, processes=0), "the command")
     assert len(begun["searches"]) == 4  # stopped here
     design(small)
-    run = StudyRun(study_of(options), StudyOptions(small.out, processes=0))
+    run = StudyRun(search.study(), StudyOptions(small.out, processes=0))
     assert run["searches"].equals(begun["searches"])
     rows = pl.read_csv(small.out / "summary.csv")
     of_paper, *curve = rows.filter(pl.col("line").is_in([PAPER, CHOSEN]))[["approach_time", "object_velocity"]].rows()
@@ -111,7 +110,6 @@ def test_stopped_study_continues_to_a_set_up_and_a_page(small):
     (points,) = [line.get_xydata() for line in axes.lines if line.get_label() == "chosen design"]
     assert points == pytest.approx(np.array(curve))
 
-    search = Search(options)
     chosen = search.candidate(search.chosen(run))
     (cell,) = search.controllers(False, run)  # searched with the design as it may be built
     searched = cell.arguments["candidate"]["environment"]["coupling"]["stiffness"]
@@ -122,33 +120,26 @@ def test_stopped_study_continues_to_a_set_up_and_a_page(small):
     assert setup.training == load_setup("linear-blind").training
 
 
-def plays(velocity, time, excess=0.0, missed=0, line=FRONT, allowed=1.25, seed=1):
-    """A table of 40 plays with equal results, of which the first `missed` miss and leave the object at rest."""
-    rows = pl.DataFrame({"missed": np.arange(40) < missed}).with_columns(line=pl.lit(line), allowed=allowed, seed=seed)
-    velocity = pl.when("missed").then(0.0).otherwise(velocity)
-    return rows.with_columns(approach_time=time, excess=excess, object_velocity=velocity)
+def test_front_has_the_lowest_loss_at_each_time(small):
+    found = [(1.0, 1, 0.3), (1.3, 1, 0.1), (1.0, 2, 0.2), (1.3, 2, 0.4), (1.3, 3, 0.2)]
+    searches = pl.DataFrame(found, schema=["allowed", "seed", "loss"], orient="row").with_columns(line=pl.lit(FRONT))
+    other = searches.with_columns(line=pl.lit("another coupling"), loss=0.0)
+    front = Search(small).front({"searches": pl.concat([other, searches])})
+    assert [(row["allowed"], row["seed"]) for row in front] == [(1.0, 2), (1.3, 1)]
 
 
-@pytest.mark.parametrize(("played", "seed"), [
-    ([(0.20, 0.30), (0.19, 0.306)], 1),  # 2 % later
-    ([(0.20, 0.30), (0.10, 0.28, 0.1)], 1),  # a tenth beyond a limit
-    ([(0.20, 0.30), (0.19, 0.30, 0.0, 1)], 1),  # a miss of 40 costs 2 / 40 m/s, and has no V_p
-    ([(0.20, 0.30), (0.15, 0.30, 0.0, 1)], 2),
-])  # fmt: skip
-def test_front_penalises_lateness_excess_and_misses(small, played, seed):
-    entry = {"line": FRONT, "allowed": 1.25, "loss": 0.0, "design": "{}", "parameters": "[]"}
-    validation = [plays(v, 1.25 * time, *more, seed=k) for k, (v, time, *more) in enumerate(played, 1)]
-    validation.append(plays(0.6, 0.30, line=PAPER, allowed=1.0))
-    frames = {"searches": pl.DataFrame([entry | {"seed": k} for k in (1, 2)]), "validation": pl.concat(validation)}
-    (front,) = Search(replace(small, times=(1.25,))).front(frames)
-    assert front["seed"] == seed
-
-
-def test_loss_of_a_miss_is_the_environments_missed_cost(small):
+def test_loss_has_costs_for_a_miss_and_for_lateness(small):
     """A candidate that is too slow to touch the object has no V_p, and must not win."""
     candidate = replace(Search(small).candidate(PAPERS_RULE), environment=small.searched)
-    losses = objective(candidate, small.variables, 9.0, small.limits, small.search)
     design = [float(variable.parameter().start) for variable in small.variables]
     gentle, never = [*design, 0.3, 8.0, 8.0], [*design, 0.01, 8.0, 8.0]
-    touched, missed = losses(np.array([gentle, never] * 4)[:, None])[:2, 0]
+
+    def losses(allowed):
+        of = objective(candidate, small.variables, allowed, small.limits, small.tolerance, small.scenarios, 8)
+        return of(np.array([gentle, never] * 4)[:, None])[:2, 0]
+
+    touched, missed = losses(9.0)
     assert touched < 0.5 < missed == pytest.approx(2.0)
+    time = (losses(0.1)[0] - losses(0.2)[0]) / (PENALTY * (1 / 0.1 - 1 / 0.2))  # mean approach time, s
+    assert 0.15 / 0.3 < time < 0.35 / 0.3 + 0.1
+    assert losses(0.2)[0] - touched == pytest.approx(PENALTY * (time / 0.2 - 1.0))

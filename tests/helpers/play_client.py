@@ -11,11 +11,11 @@ import tomli_w
 from simulated_time import World
 
 from agents.setups import load_setup
-from experiments.play import try_files
+from experiments.play import attempts
 from experiments.play.assistance import record_of, usual
+from experiments.play.attempts import Attempt, Live
 from experiments.play.clock import Clock
-from experiments.play.session import Session
-from experiments.play.tries import Live, Try
+from experiments.play.server import Session
 from impact_gym.support.files import write_file
 
 SETUP = "teleop-spring"
@@ -29,7 +29,7 @@ runpy.run_module("experiments.play", run_name="__main__")
 
 def pushed(velocity, after=4, assist="none", seed=1, setup=SETUP, **sliders):
     """A try by a person who commands velocity(time) and releases the stick some steps after the touch."""
-    live, touched = Live(Try(setup, assist, seed, record_of(usual(load_setup(setup)) | sliders))), 0
+    live, touched = Live(Attempt(setup, assist, seed, record_of(usual(load_setup(setup)) | sliders))), 0
     while not live.ended:
         touched += bool(live.batch.bodies().touched[0])
         live.step(velocity(live.time) if touched <= after else 0.0)
@@ -76,7 +76,7 @@ class Simulated(World):
         wanted, path, seen = self.clock.wanted.get_nowait()
         self.clock.play(replace(wanted, seed=seed), path, seen)
         self.sleep(2.0)  # until the last message has arrived
-        return try_files.read(path) if self.sent[-1]["kind"] == "ended" else self.sent[-1]
+        return attempts.read(path) if self.sent[-1]["kind"] == "ended" else self.sent[-1]
 
 
 class Page:
@@ -86,7 +86,7 @@ class Page:
         self.world, self.messages, self.steer = world, [], lambda frame: None
         world.session.join(self)
 
-    def enqueue(self, message):
+    def __call__(self, message):
         self.messages.append(message | {"at": self.world.now})
         if message["kind"] == "frame":
             self.steer(message)

@@ -110,7 +110,7 @@ CALLS = {
     "scene file": lambda changes: parse(changed(tomllib.loads(SCENE_FILE), changes), ("contact.stiffness",)),
     "altered set": partial(read_file, "mine.csv", evaluation_sets.load),
     "impact-gym play": lambda setup="teleop-rigid", **options: playing.work(playing.Play(setup, open=False, **options)),
-    "DesignOptions": lambda **options: DesignOptions(out=Path(), **options).checked(), "from_urdf": arm,
+    "DesignOptions": lambda **options: DesignOptions(out=Path(), **options), "from_urdf": arm,
     "along": lambda start, direction, length, **options: arm(**options).along(start, direction, length),
     "all_joints.simulate": lambda **given: all_joints.simulate(**{"arm": arm(), "line": usual_line()} | given),
 }  # fmt: skip

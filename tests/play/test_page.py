@@ -11,9 +11,9 @@ from browser_pages import opened
 from numpy.polynomial import Polynomial
 from play_client import SETUP, Page, served
 
-from experiments.play import try_files
+from experiments.play import attempts
+from experiments.play.attempts import BUSY
 from experiments.play.server import HEADERS, Site
-from experiments.play.tries import BUSY
 
 FILM = json.dumps({"html": "<p></p>", "slides": {"You": 0.1, "Your hand, brake on": 0.0009}}), "application/json"
 
@@ -215,7 +215,7 @@ def test_try_from_the_first_key_to_the_film_in_real_time(browser, tmp_path):
         page.wait_for_selector("body.touching")
         page.keyboard.up("ArrowRight")
         page.wait_for_selector("#film .igw-panel")
-        ((_, this),) = try_files.folder_of(tmp_path)
+        (this,) = attempts.of_persons(tmp_path, marked=True)
         assert max(this.operator["velocity"]) == pytest.approx(0.3)
         page.wait_for_load_state("networkidle")  # what is being fetched as the server stops fails
         page.click("#go")
@@ -224,4 +224,4 @@ def test_try_from_the_first_key_to_the_film_in_real_time(browser, tmp_path):
         page.wait_for_selector("#banner:has-text('The server has stopped')")
         page.context.close()
     assert problems == []
-    assert [*try_files.folder_of(tmp_path)][1][1].marks == ["interrupted: the server was stopped"]
+    assert attempts.of_persons(tmp_path, marked=True)[1].marks == ["interrupted: the server was stopped"]

@@ -4,6 +4,7 @@ import asyncio
 import json
 import signal
 import socket
+from types import SimpleNamespace
 
 import pytest
 from play_client import Simulated, choices, near_setup, pushed, served
@@ -12,10 +13,11 @@ from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.frames import Close
 from websockets.http11 import Request
+from websockets.protocol import State
 from websockets.sync.client import connect
 
+from experiments.play import attempts
 from experiments.play import server as serving
-from experiments.play import try_files
 from experiments.play.server import RATE, Site
 
 OURS = {"Host": "localhost:80", "Origin": "http://localhost:80"}
@@ -42,12 +44,12 @@ def test_only_our_own_page_is_answered(world):
     for path in ("other", "play.js/more", "film/..%2f..%2fetc", "film/2020", "film/%00", f"film/{'x' * 7000}"):
         assert asked(f"/token/{path}") == 404
     assert [asked(method=method) for method in ("POST", "HEAD", "TRACE")] == [405] * 3
-    world.session.clients = [None] * 16
-    assert asked(**ws) == 503
 
 
 class Socket:
-    """A connection whose page sends these texts, one each `pause` (s), and then ends as `gone` says."""
+    """A closing connection whose page sends these texts, one each `pause` (s), and then ends as `gone` says."""
+
+    protocol = SimpleNamespace(state=State.CLOSING)
 
     def __init__(self, world, *texts, pause=0.0, gone=None):
         self.world, self.texts, self.pause, self.gone = world, [*texts], pause, gone
@@ -58,9 +60,6 @@ class Socket:
             raise ConnectionClosed(None, self.gone)
         return self.texts.pop(0)
 
-    async def send(self, text):
-        assert "kind" in json.loads(text)
-
     async def close(self, *code_and_reason):
         self.closed = code_and_reason
 
@@ -70,7 +69,7 @@ def talk(world, *messages, **how):
     page = Socket(world, *(each if isinstance(each, str | bytes) else json.dumps(each) for each in messages), **how)
     asyncio.run(Site(world.session, "token", 80, world.time).serve_page(page))
     code, reason = page.closed
-    assert (code, world.session.clients) == (1008, [])
+    assert (code, world.session.page) == (1008, None)
     return reason
 
 
@@ -101,7 +100,7 @@ def test_player_who_leaves_or_floods_stops_the_arm(world, why, messages, how):
 
 def test_folder_has_one_server_and_keeps_files_that_are_no_tries(world):
     (world.folder / "b.json").write_text("{")
-    good = try_files.write(world.folder / "good.json", pushed(lambda _: 0.5))
+    good = attempts.write(world.folder / "good.json", pushed(lambda _: 0.5))
     (world.folder / "<b>.json").write_text(good.read_text())
     refused(lambda: Simulated(world.folder.parent), f"{world.folder} is being written by another process")
     world.session.close()
@@ -127,6 +126,6 @@ def test_server_that_is_stopped_in_a_try_loses_nothing(how, exit_code, tmp_path)
             page.send('{"v": 0.6}')
         code, said = server.end(how)
     assert (code, "Traceback" in said) == (exit_code, False)
-    ((_, this),) = try_files.folder_of(tmp_path)
+    (this,) = attempts.of_persons(tmp_path, marked=True)
     assert this.marks[0] == "interrupted: the server was stopped"
     assert max(this.operator["velocity"]) > 0.1

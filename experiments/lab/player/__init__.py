@@ -11,7 +11,7 @@ from experiments.lab.player.films import choose, films
 
 __all__ = ["choose", "films", "fragment", "script", "style"]
 HERE = Path(__file__).parent
-SCRIPTS = ("svg.js", "chain.js", "loupe.js", "strips.js", "player.js")
+SCRIPTS = ("svg.js", "chain.js", "magnifier.js", "strips.js", "player.js")
 
 
 def fragment(films: dict[str, Any], name: str = "watch") -> str:

@@ -1,6 +1,6 @@
 // Picture of flange, coupling, tool and object. Positions are to scale; sizes of the bodies are assumed.
 const TOOL = {length: 0.034, height: 0.03}, FLANGE = {length: 0.016, height: 0.052}, CLEARANCE = 0.004;  // m
-const LOUPE = {width: 166, height: 74};
+const MAGNIFIER = {width: 166, height: 74};
 const BEHIND = 0.02, NEAR = 0.1, AHEAD = 106;  // space behind the robot (m), before the object in a compact film (m), for the speed (pixels)
 
 function massText(scene) {
@@ -21,7 +21,7 @@ function viewOf(scene, width) {
   const scale = (width - AHEAD) / (right - left);
   const above = Math.max(scene.radius, 0.5 * FLANGE.height, most("height") + 0.006) * scale + 8;
   const below = Math.max(scene.radius * scale + (massFits(scene, scale) ? 0 : 13), 0.5 * FLANGE.height * scale) + 6;
-  const axis = (scene.compact ? 22 : LOUPE.height + 14) + Math.max(above, 30);
+  const axis = (scene.compact ? 22 : MAGNIFIER.height + 14) + Math.max(above, 30);
   return {left, scale, width, axis, ground: axis + Math.max(below, 26), height: axis + Math.max(below, 26) + 36,
           x: (position) => (position - left) * scale};
 }
@@ -96,9 +96,9 @@ function ruler(svg, view, scene, radius) {
       node("text", {class: "igw-small", x, y: y + 17, "text-anchor": "middle"}, svg, text);
     }
   }
-  const place = view.x(scene.scenario.distance);
-  const ghost = node("circle", {class: "igw-ghost", cx: place + radius, cy: view.axis, r: radius}, svg);
-  node("path", {class: "igw-ghost", d: path([[place, view.ground - 2], [place, y]])}, svg);
+  const touchX = view.x(scene.scenario.distance);
+  const ghost = node("circle", {class: "igw-ghost", cx: touchX + radius, cy: view.axis, r: radius}, svg);
+  node("path", {class: "igw-ghost", d: path([[touchX, view.ground - 2], [touchX, y]])}, svg);
   return ghost;
 }
 
@@ -132,7 +132,7 @@ function drawChain(svg, scene, run, view) {
   const speedText = node("text", {class: "igw-strong igw-object-text", y: y - 9}, svg);
   const moved = node("path", {class: "igw-moved"}, svg);
   const movedText = node("text", {class: "igw-strong igw-object-text", y: view.ground + 33}, svg);
-  const loupe = scene.compact ? () => {} : drawLoupe(svg, scene, view);
+  const magnifier = scene.compact ? () => {} : drawMagnifier(svg, scene, view);
   return (state, seen) => {
     for (const each of [seenTool, seenBall]) show(each, seen);
     if (seen) {  // the delayed state that the operator sees
@@ -140,7 +140,7 @@ function drawChain(svg, scene, run, view) {
       set(seenBall, {cx: view.x(seen.object_position) + radius});
     }
     const front = state.flange_position - TOOL.length - run.chain.rest;
-    const face = view.x(state.object_position), share = state.force / (scene.limits.force || 1);
+    const face = view.x(state.object_position), fraction = state.force / (scene.limits.force || 1);
     set(flange, {x: view.x(front - FLANGE.length)});
     set(robot, {width: Math.max(view.x(front - FLANGE.length) + 4, 0)});
     set(tool, {x: view.x(state.tool_position - TOOL.length)});
@@ -148,16 +148,16 @@ function drawChain(svg, scene, run, view) {
     set(ball, {cx: face + radius});
     set(mass, {x: face + radius});
     const at = view.x(state.tool_position);
-    show(flash, share > 0.002);
-    show(push, share > 0.002);
-    if (share > 0.002) {
+    show(flash, fraction > 0.002);
+    show(push, fraction > 0.002);
+    if (fraction > 0.002) {
       const rays = [-80, -62, -44, 44, 62, 80].map((degrees) => {
-        const turn = degrees * Math.PI / 180, inner = 6, outer = 10 + 16 * Math.sqrt(share);
+        const turn = degrees * Math.PI / 180, inner = 6, outer = 10 + 16 * Math.sqrt(fraction);
         const across = Math.sin(turn), along = 0.9 * Math.cos(turn) * (Math.abs(degrees) > 60 ? 0 : -1);
         return path([[at + inner * along, y + inner * across], [at + outer * along, y + outer * across]]);
       });
       set(flash, {d: rays.join("")});
-      set(push, {d: arrow(at, y, 14 + 44 * share, 9)});
+      set(push, {d: arrow(at, y, 14 + 44 * fraction, 9)});
     }
     const away = state.object_velocity > 0.0005;
     show(speed, away);
@@ -177,6 +177,6 @@ function drawChain(svg, scene, run, view) {
       set(movedText, {x: clamp(0.5 * (home + face), 90, view.width - 90), "text-anchor": "middle"});
       movedText.textContent = `${centimetres(far)} from its start (dashed)`;
     }
-    loupe(state, at);
+    magnifier(state, at);
   };
 }

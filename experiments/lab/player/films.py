@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from agents.evaluate.scenario_batch import RESULTS, Episodes
 from agents.policies import Controller
 from impact_gym.couplings import Bistable
-from impact_gym.envs.single import ImpactApproachEnv
+from impact_gym.envs.batch import Batch
+from impact_gym.envs.single import TRACE_POINTS
 from impact_gym.render.chain import object_radius
 from impact_gym.render.film import FRAME_RATE, History
 from impact_gym.task import Task
@@ -19,13 +20,16 @@ POSITION, VELOCITY, FORCE, DEPTH = 0.0003, 0.003, 0.005, 0.005  # allowed interp
 
 BODIES = ("flange", "tool", "object")
 DECIMALS = {  # decimal places of values in s, m, m/s and N; enough for a stiff contact of 0.1 ms and 1 um penetration
-    "time": 7,
-    **{f"{body}_position": 7 for body in BODIES},
-    **{f"{body}_velocity": 5 for body in BODIES},
+    "time": 7, **{f"{body}_position": 7 for body in BODIES}, **{f"{body}_velocity": 5 for body in BODIES},
     "contact_force": 5,
-}
+}  # fmt: skip
 COLUMNS = tuple(DECIMALS)
+EXTREMES = (  # fields of a scenario, and what the objects with the smallest and the largest value are called
+    ("object_mass", "lightest object", "heaviest object"), ("contact_stiffness", "softest contact", "stiffest contact"),
+    ("distance", "nearest object", "farthest object"),
+)  # fmt: skip
 AFTER = 0.15  # s, simulated time that the film shows after the end of the last contact
+NO_ROW = np.zeros(1, np.bool_)  # rows of a batch of one episode that a step leaves out: none
 
 Columns = dict[str, NDArray[np.float64]]
 
@@ -35,19 +39,16 @@ def thin(columns: Columns, limits: Mapping[str, float], coarse: float = 1.0) -> 
 
     Rows are added until the interpolation errors are at most `coarse` times the allowed errors, or there are MOST rows.
     """
-    depth = limits["depth"]
-    penetration = columns["tool_position"] - columns["object_position"]
-    scaled = {f"{body}_position": POSITION * limits["farthest"] for body in BODIES}
-    scaled |= {f"{body}_velocity": VELOCITY * limits["speed"] for body in BODIES}
-    channels = [columns[name] / allowed for name, allowed in scaled.items()]
-    if depth > 0.0:
+    time, penetration = columns["time"], columns["tool_position"] - columns["object_position"]
+    channels = [columns[f"{body}_position"] / (POSITION * limits["farthest"]) for body in BODIES]
+    channels += [columns[f"{body}_velocity"] / (VELOCITY * limits["speed"]) for body in BODIES]
+    if (depth := limits["depth"]) > 0.0:
         channels.append(columns["contact_force"] / (FORCE * limits["force"]))
         channels.append(np.clip(penetration, -depth, depth) / (DEPTH * depth))
-    values, time = np.array(channels), columns["time"]
     turns = np.flatnonzero(np.diff(penetration > 0.0))
     rows = sorted({0, len(time) - 1, *turns.tolist(), *(turns + 1).tolist()})
     while len(rows) < min(MOST, len(time)):
-        missed = np.max([np.abs(row - np.interp(time, time[rows], row[rows])) for row in values], axis=0)
+        missed = np.max([np.abs(values - np.interp(time, time[rows], values[rows])) for values in channels], axis=0)
         worst = int(np.argmax(missed))
         if missed[worst] <= coarse:
             break
@@ -73,10 +74,7 @@ def choose(baseline: Episodes, policy: Episodes) -> dict[str, int]:
         "Most contacts": np.maximum(baseline.contact_count, policy.contact_count)[touched],
         "The highest contact force": np.maximum(baseline.peak_force, policy.peak_force)[touched],
     }
-    for field, lowest, highest in (
-        ("object_mass", "lightest object", "heaviest object"), ("contact_stiffness", "softest contact",
-        "stiffest contact"), ("distance", "nearest object", "farthest object"),
-    ):  # fmt: skip
+    for field, lowest, highest in EXTREMES:
         extremes |= {f"The {lowest}": -scenario[field][touched], f"The {highest}": scenario[field][touched]}
     reasons: dict[int, list[str]] = {}
     for reason, values in extremes.items():
@@ -100,12 +98,6 @@ def until(run: History, end: float) -> Columns:
     before = (time < end) & np.append(True, np.diff(time) > 0.0)  # a trace has two rows at each event: keep the first
     columns = {name: run.columns[name] for name in COLUMNS}
     return {name: np.append(column[before], np.interp(end, time, column)) for name, column in columns.items()}
-
-
-def farthest(run: History, end: float) -> float:
-    """Return the object's position (m) at `end` (s) or at the end of the trace, whichever is later."""
-    last = run.at(run.now)
-    return last.object_position + last.object_velocity * max(end - last.time, 0.0)
 
 
 def clock(runs: Sequence[History], end: float, coarse: float = 1.0) -> list[list[float]]:
@@ -149,16 +141,22 @@ def play(
     controller: Controller, seed: int, number: int, record: Mapping[str, float], options: Mapping[str, Any]
 ) -> History:
     """Play scenario `number` as `ScenarioBatch` does, and return its history."""
-    env = ImpactApproachEnv(record_trace=True, **options)
-    observation, info = env.reset(seed=seed + number, options={"record": dict(record)})
-    state, start, ended = None, np.ones(1, np.bool_), False
-    while not ended:
-        actions, state = controller.predict(observation[None], state=state, episode_start=start, deterministic=True)
-        observation, _, terminated, truncated, info = env.step(np.asarray(actions)[0])
-        start, ended = np.zeros(1, np.bool_), terminated or truncated
-    if info["status"] != "ok":
-        raise RuntimeError(f"scenario {number}: {info['status']}")
-    return History(env.trace(), info, Task(**options), env.episode_state(), ended=True)
+    batch = Batch(1, Task(**options), threads=1, trace_points=TRACE_POINTS)
+    batch.begin_seeded(seed + number, record)
+    state, start = None, np.ones(1, np.bool_)
+    while not batch.ended[0]:
+        seen = batch.observations.copy()
+        actions, state = controller.predict(seen, state=state, episode_start=start, deterministic=True)
+        batch.step(actions, NO_ROW)
+        start = NO_ROW
+    if (status := batch.info(0)["status"]) != "ok":
+        raise RuntimeError(f"scenario {number}: {status}")
+    return ended_history(batch)
+
+
+def ended_history(batch: Batch) -> History:
+    """Return the history of the only episode of a batch, which has ended."""
+    return History(batch.trace(0), batch.info(0), batch.tasks[0], batch.episode_state(0), ended=True)
 
 
 def scene_of(runs: Mapping[str, History], coarse: float = 1.0) -> dict[str, Any]:
@@ -168,23 +166,17 @@ def scene_of(runs: Mapping[str, History], coarse: float = 1.0) -> dict[str, Any]
     histories = {name: until(run, end) for name, run in runs.items()}
     all_of = {name: np.concatenate([columns[name] for columns in histories.values()]) for name in COLUMNS}
     velocities = np.concatenate([all_of[f"{body}_velocity"] for body in BODIES])
+    last = [run.at(run.now) for run in runs.values()]
     limits = {
-        "force": float(all_of["contact_force"].max()),
-        "speed": max(1e-3, float(np.abs(velocities).max())),
-        "lowest": float(velocities.min()),
+        "force": float(all_of["contact_force"].max()), "rearmost": float(all_of["flange_position"].min()),
+        "speed": max(1e-3, float(np.abs(velocities).max())), "lowest": float(velocities.min()),
         "depth": max(0.0, float((all_of["tool_position"] - all_of["object_position"]).max())),
-        "farthest": max(farthest(run, end) for run in runs.values()),
-        "rearmost": float(all_of["flange_position"].min()),
-    }
+        "farthest": max(at.object_position + at.object_velocity * max(end - at.time, 0.0) for at in last),
+    }  # fmt: skip
     scenario = next(iter(runs.values())).info["scenario"]
-    return {
-        "scenario": scenario,
-        "radius": object_radius(scenario["object_mass"]),
-        "end": end,
-        "clock": clock(list(runs.values()), end, coarse),
-        "limits": limits,
-        "runs": [_run(name, run, histories[name], limits, coarse) for name, run in runs.items()],
-    }
+    films = [_run(name, run, histories[name], limits, coarse) for name, run in runs.items()]
+    return {"scenario": scenario, "radius": object_radius(scenario["object_mass"]), "end": end,
+            "clock": clock(list(runs.values()), end, coarse), "limits": limits, "runs": films}  # fmt: skip
 
 
 def _run(name: str, run: History, columns: Columns, limits: Mapping[str, float], coarse: float) -> dict[str, Any]:
@@ -196,14 +188,11 @@ def _run(name: str, run: History, columns: Columns, limits: Mapping[str, float],
     rows = thin(columns, limits, coarse)
     rows = rows[np.append(True, np.diff(np.round(columns["time"][rows], digits)) > 0.0)]
     return {
-        "name": name,
-        "chain": chain_of(run.task),
-        **{field: run.info[field] for field in RESULTS},
-        **operated,
+        "name": name, "chain": chain_of(run.task), **{field: run.info[field] for field in RESULTS}, **operated,
         "contacts": [[round(instant, digits) for instant in contact] for contact in contacts_of(run)],
         "alarm": round(alarm, digits) if np.isfinite(alarm) else None,
         "rows": [np.round(columns[key][rows], decimals).tolist() for key, decimals in DECIMALS.items()],
-    }
+    }  # fmt: skip
 
 
 def chain_of(task: Task) -> dict[str, Any]:

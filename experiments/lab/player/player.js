@@ -105,12 +105,12 @@ function watch(root, gone) {
   function verdict() {
     const [baseline, policy] = scene.runs;
     if (!policy || scene.runs.length > 2 || policy.slide !== undefined || baseline.missed || policy.missed) return "";
-    const share = Math.round(100 * Math.abs(1 - policy.object_velocity / baseline.object_velocity));
+    const percent = Math.round(100 * Math.abs(1 - policy.object_velocity / baseline.object_velocity));
     const late = 1000 * (policy.approach_time - baseline.approach_time);
     const when = Math.abs(late) < 0.5 ? "at the same time"
       : `${Math.abs(late).toFixed(0)} ms ${late > 0 ? "later" : "sooner"}`;
     const than = policy.object_velocity < baseline.object_velocity ? "slower (gentler)" : "faster (less gentle)";
-    return `Here the object leaves ${share} % ${than} with the ${policy.name}; touch ${when}.`;
+    return `Here the object leaves ${percent} % ${than} with the ${policy.name}; touch ${when}.`;
   }
 
   function marks() {

@@ -1,16 +1,16 @@
 // Enlarged picture of the faces of tool and object, on which small penetrations are visible.
-let loupes = 0;
+let magnifiers = 0;
 
-function drawLoupe(svg, scene, view) {
-  const place = view.x(scene.scenario.distance), width = Math.min(LOUPE.width, view.width - 8), height = LOUPE.height;
-  const left = clamp(place - 0.5 * width, 2, view.width - width - 2), top = 2, middle = top + 0.5 * height;
+function drawMagnifier(svg, scene, view) {
+  const touchX = view.x(scene.scenario.distance), width = Math.min(MAGNIFIER.width, view.width - 8), height = MAGNIFIER.height;
+  const left = clamp(touchX - 0.5 * width, 2, view.width - width - 2), top = 2, middle = top + 0.5 * height;
   const scale = clamp(0.34 * width / Math.max(scene.limits.depth, 1e-5), 2 * view.scale, 2e5);  // pixels per m
   const face = left + 0.5 * width, radius = scene.radius * scale;
-  const name = `igw-clip-${++loupes}-${Math.random().toString(36).slice(2)}`;
+  const name = `igw-clip-${++magnifiers}-${Math.random().toString(36).slice(2)}`;
   const clip = node("clipPath", {id: name}, node("defs", {}, svg));
   node("rect", {x: left, y: top, width, height, rx: 6}, clip);
   const lines = node("path", {class: "igw-sight"}, svg);
-  node("rect", {class: "igw-loupe", x: left, y: top, width, height, rx: 6}, svg);
+  node("rect", {class: "igw-magnifier", x: left, y: top, width, height, rx: 6}, svg);
   const inside = node("g", {"clip-path": `url(#${name})`}, svg);
   const rim = [];
   for (let k = -16; k <= 16; k++) {
@@ -36,12 +36,12 @@ function drawLoupe(svg, scene, view) {
     set(tool, {width: Math.max(Math.min(tip, left + width + 8) - left + 4, 0)});
     const foot = view.axis - 0.5 * TOOL.height * view.scale - 2, x = view.x(state.object_position);
     set(lines, {d: path([[left + 8, top + height], [x, foot], [left + width - 8, top + height]])});
-    const share = state.force / (scene.limits.force || 1);
+    const fraction = state.force / (scene.limits.force || 1);
     show(outline, pressed);
-    show(push, share > 0.002);
-    show(force, share > 0.002);
-    if (share > 0.002) {
-      set(push, {d: arrow(tip, middle, Math.min(14 + 56 * share, left + width - tip - 6), 12)});
+    show(push, fraction > 0.002);
+    show(force, fraction > 0.002);
+    if (fraction > 0.002) {
+      set(push, {d: arrow(tip, middle, Math.min(14 + 56 * fraction, left + width - tip - 6), 12)});
       force.textContent = `${newtons(state.force)} N`;
     }
     const size = Math.abs(1000 * state.gap), digits = size >= 10 ? 0 : size >= 1 ? 1 : 2;

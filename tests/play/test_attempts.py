@@ -1,4 +1,4 @@
-"""Whole tries on simulated time: the clock that plays them, the stick, the pages of a session, and the tries' files."""
+"""Whole attempts on simulated time: the clock that plays them, the stick, the pages of a session, and the files."""
 
 import json
 import math
@@ -9,7 +9,7 @@ import pytest
 from play_client import SETUP, Page, pushed
 from refusal import refused
 
-from experiments.play import contest, tries, try_files
+from experiments.play import attempts, contest
 from experiments.play.assistance import NAMES, PERIOD
 from experiments.play.clock import HOLD, SILENT, Stick
 
@@ -19,7 +19,7 @@ def test_each_step_and_each_picture_comes_when_it_is_due(world, slow):
     page = Page(world)
     this = world.play(page, page.push, slow=slow, assist="brake", jitter=0.02)
     assert page.got("ended")[0]["entry"].items() >= this.result.items()
-    assert tries.replayed(this)[1]["done_time"] == this.result["done_time"]  # looking ahead has changed nothing
+    assert attempts.replayed(this).info["done_time"] == this.result["done_time"]  # looking ahead has changed nothing
     frames, shown = [message for message in world.sent if message["kind"] == "frame"], page.got("frame")
     assert (len(this.actions) == len(frames) - 1 > 20, this.marks) == (True, [])
     begun = np.array([frame["t"] for frame in frames])[:-1]  # a touch cuts a step short, and its frame is not sooner
@@ -35,7 +35,7 @@ def test_each_step_and_each_picture_comes_when_it_is_due(world, slow):
 def scripted(world, naps, pushes):
     """Play a try with pushes (share of full speed) and naps of the clock (s), both by their times (s)."""
     page, naps, begun = Page(world), dict(naps), world.now
-    world.session.clients = [page]
+    world.session.page = page
     for at, share in pushes.items():
         world.call_at(begun + at, lambda share=share: page.say(v=share))
     world.overslept = lambda: next((naps.pop(at) for at in [*naps] if world.now - begun >= at), 0.0)
@@ -56,7 +56,7 @@ def test_try_counts_where_exact_times_change_1_percent_at_most(world, naps, push
     """The truth is the same hand at a computer that is never late."""
     exact, this = scripted(world, {}, pushes).result, scripted(world, naps, pushes)
     near = [this.result[name] == pytest.approx(exact[name], rel=0.01) for name in ("slide", "done_time")]
-    assert (exact["slide"] > 0.02, all(near), this.marks) == (True, counts, [] if counts else [tries.BUSY])
+    assert (exact["slide"] > 0.02, all(near), this.marks) == (True, counts, [] if counts else [attempts.BUSY])
     assert (this.result == exact) == (max(naps.values()) < PERIOD)  # late by less than a step: nothing changes
     at = [message["at"] for message in world.sent if message["kind"] == "frame"]
     assert (np.diff(at) < PERIOD - 0.016).sum() <= 1  # nothing is made up for; only the touch cuts a step short
@@ -91,31 +91,29 @@ def test_settings_and_pushes_reach_the_arm_until_a_silence(world):
 def test_try_is_kept_until_a_full_disk_has_room(world, monkeypatch):
     page = Page(world)
     with monkeypatch.context() as patch:
-        patch.setattr(try_files, "write", mock.Mock(side_effect=OSError("no room to write")))
+        patch.setattr(attempts, "write", mock.Mock(side_effect=OSError("no room to write")))
         failed = world.play(page, page.push)
     assert (failed["kind"], failed["text"], world.session.busy) == ("failed", "no room to write", False)
     assert world.play(page, page.push).marks == []
-    assert [this.marks for _, this in try_files.folder_of(world.folder)] == [[], []]
+    assert [this.marks for this in attempts.of_persons(world.folder)] == [[], []]
 
 
 @pytest.mark.parametrize("why", ["another tab took the stick", "the page was closed"])
-def test_second_tab_watches_and_may_take_the_stick(world, why):
-    pages = first, second, _ = [Page(world) for _ in range(3)]
-    roles = [[(role["player"], role["others"]) for role in page.got("role")] for page in pages]
-    assert roles == [[(True, 0), (True, 1), (True, 2)], [(False, 1), (False, 2)], [(False, 2)]]
+def test_newest_tab_has_the_stick_and_stops_the_others_try(world, why):
+    first, others = Page(world), []
 
     def steer(frame):
         first.say(v=0.5)
-        second.say(v=1.0)  # who watches has no stick
         first.say(begin={})  # there is a try already
         if frame["n"] == 10:
-            second.say(take=1) if "tab" in why else world.session.leave(first, why)
+            others.append(Page(world)) if "tab" in why else world.session.leave(first, why)
 
     this = world.play(first, steer)
     assert (this.marks, {*this.operator["velocity"]}) == ([f"interrupted: {why}"], {0.0, 0.25})
-    assert [page.got("role")[-1]["player"] for page in pages] == ["tab" not in why, True, False]
-    first.steer = lambda frame: None
-    assert world.play(second, second.push).marks == []
+    assert len(first.got("taken")) == ("tab" in why)
+    world.session.leave(first, "the page was closed")
+    (second,) = others or [Page(world)]
+    assert (world.session.page, world.play(second, second.push).marks) == (second, [])
 
 
 def test_object_is_shown_where_seen_or_touched_or_at_the_end(world):
@@ -133,10 +131,10 @@ def test_object_is_shown_where_seen_or_touched_or_at_the_end(world):
 def test_try_is_played_again_to_the_bit(setup, assist, tmp_path):
     rng = np.random.default_rng(0)
     done = pushed(lambda _: float(rng.uniform(0.1, 0.5)), 9, assist, 0, setup)
-    this = try_files.read(try_files.write(tmp_path / "try.json", done))
-    _, info, *_ = tries.replayed(this)
+    this = attempts.read(attempts.write(tmp_path / "try.json", done))
+    info = attempts.replayed(this).info
     assert {name: info["record"][name] for name in this.record} == this.record
-    assert {name: info[name] for name in tries.RESULTS} == this.result
+    assert {name: info[name] for name in attempts.RESULTS} == this.result
 
 
 DAMAGES = {
@@ -146,11 +144,11 @@ DAMAGES = {
 
 
 def test_file_that_is_no_try_is_refused_in_one_line(tmp_path):
-    file = try_files.write(tmp_path / "a.json", pushed(lambda _: 0.5))
+    file = attempts.write(tmp_path / "a.json", pushed(lambda _: 0.5))
     made = json.loads(file.read_text())
     for text in ("", "{}", "[]", "\x00", *(json.dumps(made | {name: DAMAGES[name]}) for name in DAMAGES)):
         file.write_text(text)
-        refused(lambda: try_files.read(file), "a.json cannot be read as a try")
+        refused(lambda: attempts.read(file), "a.json cannot be read as a try")
 
 
 def let_go(delay=0.2, assist="none"):
