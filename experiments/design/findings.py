@@ -11,7 +11,7 @@ from experiments.design.options import CHOSEN, FRONT, PAPER, DesignOptions
 from experiments.lab import grid
 from experiments.lab.charts import OTHERS, SERIES
 from experiments.lab.parts import Picture, Section, Table, percent
-from experiments.lab.statistics import Comparison, Estimate, Resamples
+from experiments.lab.statistics import Estimate, Resamples, estimate, velocity_at_time_of
 from experiments.lab.study import Findings, Frames
 from impact_gym.quantities import QUANTITIES
 
@@ -52,7 +52,7 @@ def reduction(line: pl.DataFrame, paper: pl.DataFrame) -> Estimate:
     ours, theirs = (
         grid.front_of(rows.rename({"allowed": "weight"}).with_row_index("episode"), resamples) for rows in (line, paper)
     )
-    return Comparison.of_fronts(ours, theirs).reduction
+    return estimate(1.0 - velocity_at_time_of(theirs, ours) / theirs[1][:, 0])
 
 
 def chart(rows: Sequence[dict[str, Any]]) -> Figure:

@@ -12,7 +12,7 @@ from agents.policies import load_ensemble
 from agents.setups import load_setup
 from experiments.lab import grid
 from experiments.lab.parts import Section, Table
-from experiments.lab.statistics import Comparison, Estimate, Floats, Resamples, estimate
+from experiments.lab.statistics import Estimate, Floats, Resamples, estimate, reduction
 from experiments.lab.study import Cell, Findings, Frames, Measurement, Study
 from experiments.studies import QUESTIONS
 
@@ -81,7 +81,7 @@ def slides(means: Means) -> Table:
         delays = sorted({delay for _, delay, *_ in means})
         for name, some in [*((f"{1e3 * delay:.0f} ms", [delay]) for delay in delays), ("mean of all delays", delays)]:
             found = [estimate(100.0 * over(means, who, "slide", coupling, some)) for who in ASSISTANCE]
-            costs = Comparison(*(over(means, who, "cost", coupling, some) for who in (POLICY, BRAKE))).reduction
+            costs = reduction(*(over(means, who, "cost", coupling, some) for who in (POLICY, BRAKE)))
             cost = Estimate(*(100.0 * each for each in (costs.value, costs.low, costs.high)))
             rows.append([f"{coupling}, {name}", *(f"{each:.1f}" for each in found), f"{cost:.1f}"])
     caption = "Slide of the object by tool and delay (both ways together), mean over three models of operators"

@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import polars as pl
 
-from experiments.report.episodes import MISSED_TOO_OFTEN, Played
-from experiments.report.matchups import PAPER, POLICY
+from experiments.report.comparisons import PAPER, POLICY
+from experiments.report.episodes import MISSED_TOO_OFTEN, ComparisonResults
 
 Row = dict[str, Any]
 
@@ -19,18 +19,17 @@ class Failing(NamedTuple):
     details: str  # for each argument, the mildest change under which a rival costs less; the most misses, if over 1 %
 
 
-def outcomes(played: Played, controller: str = POLICY) -> pl.DataFrame:
-    """Return a row for each contestant under each change; `Matchup.policy` has the name POLICY.
+def outcomes(results: ComparisonResults, controller: str = POLICY) -> pl.DataFrame:
+    """Return a row for each contestant under each change; `Comparison.policy` has the name POLICY.
 
     Columns: `loss`, the mean cost (m/s); `missed`, the number of missed objects among `of` objects; `more` (m/s), the
     extra cost of `controller` over this contestant, or 0 if below two standard errors; `off`, the absolute difference
     of the changed value from the unchanged value, 0 if a value is not a number.
     """
-    if played.varied.is_empty():
+    if results.varied.is_empty():
         numbers = dict.fromkeys(("value", "off", "missed", "of", "more"), float)
         return pl.DataFrame(schema={"factor": str, "setting": str, "contestant": str, "same": bool, **numbers})
-    policy = pl.col("contestant").replace(played.matchup.chosen, POLICY)
-    frame = played.varied.with_columns(policy)
+    frame = results.varied.with_columns(pl.col("contestant").replace(results.comparison.chosen, POLICY))
     ours = frame.filter(contestant=controller).select("change", "episode", more=pl.col("cost"))
     more = pl.col("more") - pl.col("cost")
     clear = more.mean() > 2.0 * more.std() / more.len().sqrt()
@@ -42,48 +41,47 @@ def outcomes(played: Played, controller: str = POLICY) -> pl.DataFrame:
     ).with_columns(off=off)  # fmt: skip
 
 
-def where_it_fails(played: Played, name: str) -> Failing:
+def where_it_fails(results: ComparisonResults, name: str) -> Failing:
     """Return where a contestant fails: its cost is above another's, or it misses over 1 % of objects.
 
     Only rule, rival and policy play under changes; for any other `name`, the result is about the policy.
     """
-    rival, shown = played.matchup.rival, {each.name for each in played.matchup.rivals}
-    controller = POLICY if name == played.matchup.chosen or name not in shown else name
-    rows, others = outcomes(played, controller), {PAPER: PAPER, rival.name: rival.label, POLICY: POLICY}
-    called = f"the {others.pop(controller)}"
+    labels = {POLICY if each is results.comparison.policy else each.name: each.label
+              for each in results.comparison.rivals}  # fmt: skip
+    controller = name if name in labels else POLICY
+    rows, called = outcomes(results, controller), f"the {labels.pop(controller)}"
     sentences, worse = list[str](), list[tuple[Row, str]]()
-    for name, label in others.items():
-        changed = rows.filter(~pl.col("same"), contestant=name).with_columns(settings=pl.len().over("factor"))
+    for rival, label in labels.items():
+        changed = rows.filter(~pl.col("same"), contestant=rival).with_columns(settings=pl.len().over("factor"))
         losing = changed.filter(pl.col("more") > 0.0).sort("off", maintain_order=True)
         mildest = losing.group_by("factor", maintain_order=True).agg(pl.all().first(), most=pl.max("more"))
         found = mildest.sort("most", descending=True).to_dicts()
         if found:
             named = (row["factor"] + (f" ({row['setting']})" if row["settings"] > 1 else "") for row in found)
             sentences.append(f"Worse than the {label} with {', '.join(named)}.")
-        worse += [(row, label) for row in found]
+        worse += [(row, f"it is worse than the {label}") for row in found]
     ours = rows.filter(contestant=controller).to_dicts()
     missed = max(ours, key=lambda row: row["missed"] / row["of"], default={"missed": 0, "of": 1})
-    many = missed["missed"] > MISSED_TOO_OFTEN * missed["of"]
-    if many:
-        misses = f"{missed['missed']} of {missed['of']} objects"
-        sentences.append(f"It misses {misses} with {missed['factor']} at {missed['setting']}.")
-    if not sentences:
+    shown = worse[:1]
+    if missed["missed"] > MISSED_TOO_OFTEN * missed["of"]:
+        misses = f"misses {missed['missed']} of {missed['of']} objects"
+        sentences.append(f"It {misses} with {missed['factor']} at {missed['setting']}.")
+        alike = [(row, words) for row, words in worse if row["factor"] == missed["factor"]]
+        shown = [*alike[:1], (missed, f"it {misses}")]
+    if not shown:
         tried = sum(not row["same"] for row in ours)
         return Failing(called, f"it is not worse than its rivals under any of {tried} single changes.", "")
-    place = missed["factor"] if many else worse[0][0]["factor"]
-    clauses = [(row, f"it is worse than the {label}") for row, label in worse if row["factor"] == place][:1]
-    clauses += [(missed, f"it misses {misses}")] if many else []
-    placed = [(f"at {row['setting']}" if np.isfinite(row["value"]) else "there", words) for row, words in clauses]
-    line = ", ".join(f"{where} {words}" for where, words in placed)
-    return Failing(called, f"{place}. {line[0].upper()}{line[1:]}.", " ".join(sentences))
+    places = ((f"at {row['setting']}" if np.isfinite(row["value"]) else "there", words) for row, words in shown)
+    line = ", ".join(f"{place} {words}" for place, words in places)
+    return Failing(called, f"{shown[0][0]['factor']}. {line[0].upper()}{line[1:]}.", " ".join(sentences))
 
 
-def rows(played: Played) -> list[dict[str, str]]:
+def rows(results: ComparisonResults) -> list[dict[str, str]]:
     """Return a row for each change with the mean costs (m/s) of the rivals, texts by heading."""
-    names, found = {"rule": PAPER, "main baseline": played.matchup.rival.name, "policy": POLICY}, []
-    for (factor, setting), group in outcomes(played).group_by("factor", "setting", maintain_order=True):
+    names, found = {"rule": PAPER, "main baseline": results.comparison.rival.name, "policy": POLICY}, []
+    for (factor, setting), group in outcomes(results).group_by("factor", "setting", maintain_order=True):
         each = {row["contestant"]: row for row in group.to_dicts()}
-        row = {"set-up, change": f"{played.matchup.name}, {factor}: {setting}"}
+        row = {"set-up, change": f"{results.comparison.name}, {factor}: {setting}"}
         row |= {heading: f"{each[name]['loss']:.3f}" for heading, name in names.items()}
         found.append(row | {"missed by the policy": f"{each[POLICY]['missed']} of {each[POLICY]['of']}"})
     return found
