@@ -34,12 +34,11 @@ def play(
 ) -> pl.DataFrame:  # fmt: skip
     """Return a row for each episode: weight (m/s per s), index and fields of the scenario, results and cost (m/s)."""
     results = jobs.play(controller, scenarios, weights, environment, lenient)
-    measured = {name: results[name] for name in MEASURED if name in results}
-    shape = next(iter(measured.values())).shape
-    columns: dict[str, Any] = {"weight": np.array(weights)[:, None], "episode": np.arange(shape[1])}
-    columns |= {name: results[name] for name in FIELDS} | measured
-    columns["cost"] = measured["object_velocity"] + columns["weight"] * measured["approach_time"]
-    columns["cost"] += missed_cost(environment) * measured["missed"]  # added last, to round as `Episodes.loss` does
+    shape, weight = results["missed"].shape, np.array(weights)[:, None]
+    columns: dict[str, Any] = {"weight": weight, "episode": np.arange(shape[1])}
+    columns |= {name: results[name] for name in (*FIELDS, *MEASURED) if name in results}
+    columns["cost"] = results["object_velocity"] + weight * results["approach_time"]
+    columns["cost"] += missed_cost(environment) * results["missed"]  # added last, to round as `Episodes.loss` does
     return pl.DataFrame({name: np.broadcast_to(values, shape).ravel() for name, values in columns.items()})
 
 
