@@ -8,7 +8,7 @@ import polars as pl
 
 from agents.evaluate import play as jobs
 from agents.evaluate.scenario_batch import MEASURED
-from experiments.lab.statistics import Floats, Front, Resamples, front
+from experiments.lab.statistics import Floats, Front, Resamples
 from experiments.lab.study import Cell, Row
 from impact_gym.task.scenario import FIELDS
 from impact_gym.task.task import MISSED_COST
@@ -54,13 +54,11 @@ def sample(frame: pl.DataFrame, name: str) -> Floats:
 
 
 def front_of(frame: pl.DataFrame, resamples: Resamples) -> Front:
-    """Return the front of one contestant in one environment."""
+    """Return the front of one contestant in one environment; V_p is the mean over the touched objects."""
     each = [rows for _, rows in groups(frame.sort("weight"), "weight")]
-    times, velocities, missed = (
-        np.stack([sample(rows, name) for rows in each], axis=1)
-        for name in ("approach_time", "object_velocity", "missed")
-    )
-    return front(resamples, times, velocities, missed.astype(np.bool_))
+    names = ("approach_time", "object_velocity", "missed")
+    times, velocities, missed = (np.stack([sample(rows, name) for rows in each], axis=1) for name in names)
+    return resamples.means(times), resamples.means_where(velocities, missed == 0.0)
 
 
 def missed_cost(environment: Mapping[str, Any]) -> float:

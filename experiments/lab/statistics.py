@@ -95,14 +95,6 @@ def along(curve_x: Floats, curve_y: Floats, at: Floats) -> Floats:
     return np.array([np.interp(point, *line) for point, *line in zip(at, x, y, strict=True)])
 
 
-def front(resamples: Resamples, times: Floats, velocities: Floats, missed: NDArray[np.bool_]) -> Front:
-    """Return the front of arrays (seeds, weights, scenarios): approach times (s), V_p (m/s), and whether it was missed.
-
-    V_p is the mean over the touched objects.
-    """
-    return resamples.means(times), resamples.means_where(velocities, ~missed)
-
-
 def velocity_at_time_of(single: Front, front: Front) -> Floats:
     """Return V_p (m/s), (1 + n,), of `front` at the approach time of `single`, a front of one point."""
     return along(*front, single[0][:, 0])

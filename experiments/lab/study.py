@@ -179,7 +179,8 @@ class StudyRun(dict[str, pl.DataFrame]):
         each with its command, versions, machine, load before the run, answer, numbers, and duration in seconds (None:
         the run did not finish). ValueError: the folder has other content, or is a file.
         """
-        page, there = self.folder / "index.html", existing(self.folder)
+        page, folders = self.folder / "index.html", (self.folder, *self.folder.absolute().parents)
+        there = next(folder for folder in folders if folder.exists())
         if not there.is_dir():
             raise ValueError(f"out must be a folder, but {there} is a file")
         content = {path.name for path in there.iterdir()} if there == self.folder else set()
@@ -225,11 +226,6 @@ class StudyRun(dict[str, pl.DataFrame]):
         runs[-1] |= {"answer": findings.answer, "numbers": findings.numbers}
         page.write(self.folder, runs=runs, quick=self.quick, question=study.question, findings=findings, files=files)
         write_file(log, json.dumps({"runs": runs}, indent=2) + "\n")  # last: its digest says that the page is complete
-
-
-def existing(path: Path) -> Path:
-    """Return `path`, or the nearest folder above it that exists."""
-    return next(each for each in (path, *path.absolute().parents) if each.exists())
 
 
 def runs_of(folder: Path) -> list[dict[str, Any]]:

@@ -12,7 +12,7 @@ from agents.evaluate.play import pairs
 from agents.setups import README, load_setup
 from agents.setups.evaluation import RESERVED
 from agents.setups.keys import within
-from experiments.lab.study import Findings, Frames, RunOptions, Study, run
+from experiments.lab.study import RunOptions, Study, run
 from experiments.report.comparisons import Comparison, of_policies, of_setup
 from impact_gym.support.command_line import command_of, run_command
 from impact_gym.support.files import parsed
@@ -120,17 +120,13 @@ def comparisons_of(options: ReportOptions) -> list[Comparison]:
 
 def study_of(comparisons: Sequence[Comparison], own: bool) -> Study:
     """Return the study of comparisons; `own`: whether policies or set-ups are the user's."""
-    from experiments.report.episodes import measurement  # the import takes a second
-
-    def analyse(frames: Frames, _: bool) -> Findings:
-        from experiments.report import page  # only to write the page: the import takes a second
-
-        return page.analyse(comparisons, own, frames)
+    from experiments.report import episodes, page  # here, because the imports take a second
 
     objects = (each.controller.get("object") for comparison in comparisons for each in comparison.baselines)
     modules = {name.partition(":")[0] for name in objects if name}
     depends = f"{[*map(repr, comparisons)]} {own} {digest_of('impact_gym', 'agents', 'experiments.report')}"
-    return Study("report", QUESTION, [measurement(comparisons, modules)], analyse, PACKAGES, depends)
+    return Study("report", QUESTION, [episodes.measurement(comparisons, modules)],
+                 lambda frames, _: page.analyse(comparisons, own, frames), PACKAGES, depends)  # fmt: skip
 
 
 def write(options: ReportOptions) -> Path:

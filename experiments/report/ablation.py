@@ -1,7 +1,7 @@
 """Ablation: contestants from the paper's rule to the policy, each with more abilities than the contestant before.
 
-The contestants are the paper's rule, the tuned baselines, each with an ability of ABILITIES more, and the policy. A
-gain is the difference in V_p or cost from the contestant before; another order could give other gains.
+The contestants are the paper's rule, the tuned baselines, each with an ability of RULES more, and the policy. A gain
+is the difference in V_p or cost from the contestant before; another order could give other gains.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,21 +14,9 @@ import numpy as np
 from agents.baselines import PaperTrapezoid
 from experiments.lab.parts import Table, percent
 from experiments.lab.statistics import Estimate, Floats, Resamples, estimate, velocity_at_time_of
-from experiments.report.comparisons import BOUND, PAPER, POLICY
+from experiments.report.comparisons import BOUND, PAPER, POLICY, RULES
 from experiments.report.episodes import MISSED_TOO_OFTEN, ComparisonResults, Results, front_of
 from impact_gym.task import Task
-
-ABILITIES = {  # what the rule of a tuned baseline adds to the rules above it
-    "ConstantSpeed": "the arm's limits",
-    "ConstantDeceleration": "knowing where objects can stand",
-    "BlindProfile": "the profile's shape",
-    "DetectorProfile": "a contact detector",
-    "Ranged": "the estimate",
-    "RangedProfile": "a profile over the estimate",
-    "DetectorRanged": "a contact detector and a profile over the estimate",
-    "FirstReadingProfile": "the first reading of the range sensor",
-    "FilteredProfile": "a filter over all readings",
-}
 
 
 class Link(NamedTuple):
@@ -68,7 +56,7 @@ class Step:
 
 
 def links(results: ComparisonResults) -> list[Link]:
-    """Return the links: the paper's rule, all tuned baselines in the order of ABILITIES, and the policy.
+    """Return the links: the paper's rule, all tuned baselines in the order of RULES, and the policy.
 
     An ability without its own baseline is added together with the next ability. The tuned baseline with the lowest cost
     comes last, so that learning is compared with the best controller that is not learned.
@@ -80,9 +68,9 @@ def links(results: ComparisonResults) -> list[Link]:
     tuned = {name: spec["tuned"]["rule"] for name, spec in specs.items() if "tuned" in spec}
     sequence, added = list[Link](), list[str]()
     stronger = task.acceleration_range[1] > PaperTrapezoid()["deceleration"]
-    abilities = ABILITIES | ({} if stronger else {"ConstantSpeed": "the choice of speed"})
-    for rule, words in abilities.items():
-        added += [words] * (rule in given or rule in tuned.values())
+    for rule, (_, words) in RULES.items():
+        if rule in given or rule in tuned.values():
+            added.append(words if stronger or rule != "ConstantSpeed" else "the choice of speed")
         for name in (name for name, kind in tuned.items() if kind == rule):
             sequence.append(Link(" and ".join(added) or name, name, [results.baselines[name]]))
             added = []

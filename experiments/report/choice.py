@@ -46,15 +46,15 @@ def simplest(costs: Mapping[str, Floats]) -> str:
 
 def choice(results: ComparisonResults) -> Choice:
     """Return the recommended controller at the typical weight."""
-    comparison, weight = results.comparison, results.comparison.typical
+    comparison, weight, resamples = results.comparison, results.comparison.typical, results.resamples
     names, labels = [each.name for each in simplest_first(comparison)], comparison.labels
     name = simplest({each: results.selection[each][weight].loss(weight) for each in names})
-    costs = {each: results.resamples.means(results.runs[each][weight].loss(weight)) for each in names}
+    costs = {each: resamples.means(results.runs[each][weight].loss(weight)) for each in names}
     cost, missed = estimate(costs[name]), int(results.runs[name][weight].missed.sum())
     above = {each: -reduction(costs[each], costs[name]) for each in names if each != name}
     rivals = (each.name for each in comparison.rivals if each.name != name)
     compared = "".join(f"; {labels[each]} {_difference(above[each])}" for each in rivals)
-    misses = f" It misses {missed} of {results.count:,} objects." if missed else ""
+    misses = f" It misses {missed} of {resamples.scenarios:,} objects." if missed else ""
     sentence = f"Take the {labels[name]}. It costs V_p + {weight:g} T = {cost.value:.3f} m/s{compared}.{misses}"
     return Choice(name, weight, cost, above, missed, sentence)
 
@@ -77,7 +77,7 @@ def row(found: Choice, results: ComparisonResults) -> dict[str, str]:
         "its cost (m/s)": f"{found.cost:.3f}",
         "the rule's cost (m/s)": f"{rule:.3f}",
         "the policy's cost (m/s)": f"{policy:.3f}",
-        "objects missed": f"{found.missed} of {results.count}",
+        "objects missed": f"{found.missed} of {results.resamples.scenarios}",
     }
 
 
@@ -117,9 +117,9 @@ def contestants(found: Choice, results: ComparisonResults) -> Table:
     drawn = len(results.selection[found.controller][weight].missed)
     caption = (
         f"The best choice is the simplest controller whose cost is not clearly above the lowest, on {drawn:,} "
-        f"other scenarios (on these, if a CSV file gives them). The numbers are of these {results.count:,} scenarios, "
-        "with the median seed's policy (in the ablation: the mean of all seeds) and 95 % intervals over scenarios. "
-        "V_p and impulse, object mass times V_p: touched objects. The weight of the last row was found on other "
-        "scenarios, too"
+        "other scenarios (on these, if a CSV file gives them). The numbers are of these "
+        f"{resamples.scenarios:,} scenarios, with the median seed's policy (in the ablation: the mean of all seeds) "
+        "and 95 % intervals over scenarios. V_p and impulse, object mass times V_p: touched objects. The weight of the "
+        "last row was found on other scenarios, too"
     )
     return Table.joined(caption, rows)

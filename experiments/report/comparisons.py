@@ -26,19 +26,18 @@ PAPER = "paper's rule"
 RULE = "paper-trapezoid"  # name of the paper's rule among the baselines
 POLICY = "learned policy"
 BOUND = "clairvoyant search"
-PLAIN = {  # names for readers, by the class of a tuned baseline or the name of a fixed baseline
-    "BlindProfile": "tuned profile",
-    "ConstantDeceleration": "tuned even braking",
-    "ConstantSpeed": "tuned constant speed",
-    "DetectorProfile": "tuned profile with a detector",
-    "DetectorRanged": "tuned profile over the estimate with a detector",
-    "FilteredProfile": "tuned profile over filtered readings",
-    "FirstReadingProfile": "tuned profile over the first reading",
-    "Ranged": "tuned braking towards the estimate",
-    "RangedProfile": "tuned profile over the estimate",
-    "local-brake": "local brake",
-    "operator-alone": "operator alone",
-}
+RULES = {  # for the class of a tuned baseline its name for readers, and what it adds to the rules above it
+    "ConstantSpeed": ("tuned constant speed", "the arm's limits"),
+    "ConstantDeceleration": ("tuned even braking", "knowing where objects can stand"),
+    "BlindProfile": ("tuned profile", "the profile's shape"),
+    "DetectorProfile": ("tuned profile with a detector", "a contact detector"),
+    "Ranged": ("tuned braking towards the estimate", "the estimate"),
+    "RangedProfile": ("tuned profile over the estimate", "a profile over the estimate"),
+    "DetectorRanged": ("tuned profile over the estimate with a detector",
+                       "a contact detector and a profile over the estimate"),
+    "FirstReadingProfile": ("tuned profile over the first reading", "the first reading of the range sensor"),
+    "FilteredProfile": ("tuned profile over filtered readings", "a filter over all readings"),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -52,9 +51,12 @@ class Contestant:
 
     @property
     def label(self) -> str:
-        """POLICY for a policy; else the plain name with `name` in brackets, or `name` alone if PLAIN has none."""
-        plain = PLAIN.get(self.controller.get("tuned", {}).get("rule", self.name))
-        return POLICY if "policy" in self.controller else f"{plain} ({self.name})" if plain else self.name
+        """POLICY, or the plain name of a shipped baseline with `name` in brackets, or `name`."""
+        ((kind, content),) = self.controller.items()
+        plain = {"policy": POLICY, "baseline": self.name.replace("-", " ")}.get(kind, self.name)
+        if kind == "tuned":
+            plain, _ = RULES.get(content["rule"], (self.name, ""))
+        return plain if plain in (POLICY, self.name) else f"{plain} ({self.name})"
 
 
 @dataclass(frozen=True)
@@ -101,12 +103,6 @@ class Comparison:
     def typical(self) -> float:
         """The policy's time weight (m/s per s) that is nearest to the typical weight of the set-up."""
         return min(self.policy.weights, key=lambda weight: abs(weight - self.evaluation.typical))
-
-    @property
-    def weights(self) -> tuple[float, ...]:
-        """Weights (m/s per s) of the evaluation at which the policy plays; if there are none, the policy's weights."""
-        weights = tuple(weight for weight in self.evaluation.weights if weight in self.policy.weights)
-        return weights or self.policy.weights
 
 
 def of_setup(
@@ -232,18 +228,16 @@ def baselines(
     task = Task(**environment)
     observations = np.zeros((2, len(ObservationSpec(task))), np.float32)
     for name in names:
-        its_own = setup is not None and name in setup.tuned
+        spec: dict[str, Any] = {"baseline": name}
+        weights, checksum, its_own = (typical,), "", setup is not None and name in setup.tuned
         if its_own or name in shipped_baselines():
             content = read_tuned(name, folder, setup) if its_own else read_tuned(name)
-            weights = tuple(map(float, content["weights"]))
-            contestants.append(Contestant(name, {"tuned": content}, weights, content["sha256"]))
-        elif name in FIXED:
-            contestants.append(Contestant(name, {"baseline": name}, (typical,), ""))
-        elif ":" not in name:
+            spec, weights, checksum = {"tuned": content}, tuple(map(float, content["weights"])), content["sha256"]
+        elif ":" in name:
+            spec, checksum = {"object": name}, digest_of(name.partition(":")[0])
+            try_out(name, controller_of(spec, typical), observations, len(task.action))  # here, not in a worker
+        elif name not in FIXED:
             known = nearest("baseline", name, [*FIXED, *shipped_baselines()])
             raise ValueError(f"{known} (give a baseline of your own as module:object)")
-        else:
-            controller = controller_of({"object": name}, typical)
-            try_out(name, controller, observations, len(task.action))  # an error is raised here, not in a worker
-            contestants.append(Contestant(name, {"object": name}, (typical,), digest_of(name.partition(":")[0])))
+        contestants.append(Contestant(name, spec, weights, checksum))
     return tuple(contestants)

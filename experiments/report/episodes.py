@@ -15,7 +15,7 @@ from agents.evaluate.scenario_batch import MEASURED, Episodes
 from agents.policies import Controller
 from agents.setups.evaluation import Change, variants
 from experiments.lab import grid
-from experiments.lab.statistics import Front, Resamples, front
+from experiments.lab.statistics import Front, Resamples
 from experiments.lab.study import Cell, Measurement
 from experiments.report.comparisons import PAPER, Comparison, Contestant
 from impact_gym.quantities import QUANTITIES
@@ -48,6 +48,8 @@ def measurement(comparisons: Sequence[Comparison], own: Iterable[str]) -> Measur
 def cells_of(comparison: Comparison) -> Iterator[Cell]:
     """Yield the cells of a comparison; the label `part` is the field of `ComparisonResults` that gets the rows."""
     scenarios, environment, typical = comparison.scenarios, comparison.environment, comparison.typical
+    of_policy = comparison.policy.weights
+    compared = {*comparison.evaluation.weights} & {*of_policy} or of_policy
 
     def cell(part: str, who: Contestant, where: JSON, weights: Sequence[float], arguments: JSON = environment) -> Cell:
         labels = {"comparison": comparison.name, "part": part, "contestant": who.name}
@@ -55,10 +57,10 @@ def cells_of(comparison: Comparison) -> Iterator[Cell]:
 
     for seed in comparison.seeds:
         yield cell("seeds", seed, scenarios, seed.weights)
-    yield cell("at_rule_time", comparison.policy, scenarios, comparison.policy.weights)
+    yield cell("at_rule_time", comparison.policy, scenarios, of_policy)
     for baseline in comparison.baselines:
         tuned = len(baseline.weights) > 1  # a tuned baseline can play at any weight
-        weights = sorted({*baseline.weights, *comparison.weights, typical}) if tuned else baseline.weights
+        weights = sorted({*baseline.weights, *compared, typical}) if tuned else baseline.weights
         yield cell("baselines", baseline, scenarios, weights)
     for contestant in (*comparison.baselines, comparison.policy):
         yield cell("selection", contestant, selection_scenarios(scenarios), [typical])
@@ -166,11 +168,11 @@ class Results(dict[float, Episodes]):
 
 
 def front_of(runs: Sequence[Results], resamples: Resamples) -> Front:
-    """Return the front of the results of each seed, in the first `resamples.scenarios` scenarios."""
+    """Return the front of the seeds in the first `resamples.scenarios` scenarios; V_p: mean of the touched objects."""
     names = ("approach_time", "object_velocity", "missed")
-    return front(
-        resamples, *(np.array([run.stacked(name)[:, : resamples.scenarios] for run in runs]) for name in names)
-    )
+    stacked = ([run.stacked(name)[:, : resamples.scenarios] for run in runs] for name in names)
+    times, velocities, missed = map(np.array, stacked)
+    return resamples.means(times), resamples.means_where(velocities, ~missed)
 
 
 @dataclass
@@ -204,11 +206,6 @@ class ComparisonResults:
         return self.baselines[PAPER]
 
     @property
-    def rival(self) -> Results:
-        """The baseline `Comparison.rival`."""
-        return self.baselines[self.comparison.rival.name]
-
-    @property
     def policy(self) -> Results:
         """The median seed."""
         return self.seeds[self.comparison.chosen]
@@ -219,11 +216,6 @@ class ComparisonResults:
         return {**self.baselines, self.comparison.chosen: self.policy}
 
     @property
-    def count(self) -> int:
-        """Number of scenarios."""
-        return self.policy.stacked("missed").shape[1]
-
-    @property
     def resamples(self) -> Resamples:
         """Resamples of the scenarios; they are the same for all contestants."""
-        return Resamples(self.count)
+        return Resamples(self.policy.stacked("missed").shape[1])

@@ -4,7 +4,7 @@ import json
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from typing import Any, NamedTuple
+from typing import Any
 
 from markupsafe import Markup
 
@@ -40,41 +40,35 @@ TERMS = Terms({
 })  # fmt: skip
 
 
-class Analysis(NamedTuple):
-    """Results of one comparison."""
+class Analysis:
+    """The results of one comparison, and what the report says of them."""
 
-    results: ComparisonResults
-    summary: summary.Summary
-    choice: choice.Choice
-    steps: Sequence[ablation.Step]
-    headline: str
-
-
-def _analysis(results: ComparisonResults) -> Analysis:
-    found, chosen = summary.summary(results), choice.choice(results)
-    operated = results.comparison.operated
-    short = summary.assisted(results) if operated else summary.sentence(found, results.comparison)
-    return Analysis(results, found, chosen, ablation.steps_of(results), f"{chosen.sentence} {short}")
+    def __init__(self, results: ComparisonResults) -> None:
+        self.results, self.comparison = results, results.comparison
+        self.summary, self.choice = summary.summary(results), choice.choice(results)
+        self.steps = ablation.steps_of(results)
+        operated = self.comparison.operated
+        short = summary.assisted(results) if operated else summary.sentence(self.summary, self.comparison)
+        self.headline = f"{self.choice.sentence} {short}"
 
 
 def analyse(comparisons: Sequence[Comparison], own: bool, frames: Frames) -> Findings:
     """Return the findings of a report; `own`: whether policies or set-ups are the user's."""
-    found = {each.name: _analysis(ComparisonResults.of_rows(each, frames["episodes"])) for each in comparisons}
-    text = "\n".join(f"{name}: {each.headline}" for name, each in found.items())
+    played = (ComparisonResults.of_rows(each, frames["episodes"]) for each in comparisons)
+    found = {results.comparison.name: Analysis(results) for results in played}
+    everyone = {each.name: (*each.seeds, *each.baselines) for each in comparisons}
     numbers = {
         "choices": {name: asdict(each.choice) for name, each in found.items()},
         "answers": {name: asdict(each.summary) for name, each in found.items()},
         "ablations": {name: [asdict(step) for step in each.steps] for name, each in found.items()},
-        "contestants": {
-            comparison.name: {each.name: each.checksum for each in (*comparison.seeds, *comparison.baselines)}
-            for comparison in comparisons
-        },
+        "contestants": {name: {each.name: each.checksum for each in group} for name, group in everyone.items()},
     }
+    text = "\n".join(f"{name}: {each.headline}" for name, each in found.items())
     return Findings(text, [_method([*found.values()], own)], {}, [*map(_tab, found.values())], numbers)
 
 
 def _tab(found: Analysis) -> Tab:
-    results, chosen, comparison = found.results, found.choice, found.results.comparison
+    results, chosen, comparison = found.results, found.choice, found.comparison
     note = [f"{comparison.name}: {comparison.note}."] * bool(comparison.note)
     caption = ("Policy and baselines are not trained or tuned again. A stiffer coupling keeps its damping ratio. "
                "Objects outside the training ranges are lighter, stiffer, less elastic and nearer")  # fmt: skip
@@ -92,8 +86,8 @@ def _tab(found: Analysis) -> Tab:
 
 
 def _method(found: Sequence[Analysis], own: bool) -> Section:
-    comparisons = [each.results.comparison for each in found]
-    alone = [each for each in found if not each.results.comparison.operated]
+    comparisons = [each.comparison for each in found]
+    alone = [each for each in found if not each.comparison.operated]
     scenarios = "; ".join(dict.fromkeys(_scenarios(comparison.scenarios) for comparison in comparisons))
     over = "training seeds and scenarios"
     if max(len(comparison.seeds) for comparison in comparisons) == 1:
@@ -142,7 +136,6 @@ def watch(results: ComparisonResults) -> dict[str, Any]:
     controllers = {name: controller_of(spec, weight, task) for name, spec in specs.items()}
     seed = frozen.seed if frozen else comparison.scenarios["seed"]
     watched = films(controllers, choose(*runs.values()), runs, seed, {**comparison.environment, "time_weight": weight})
-    if not comparison.operated:
-        for run in (run for scene in watched["scenes"] for run in scene["runs"]):
-            run["sentence"] = ABOUT[run["name"]]
+    for run in (run for scene in watched["scenes"] for run in scene["runs"] if not comparison.operated):
+        run["sentence"] = ABOUT[run["name"]]
     return watched

@@ -1,6 +1,6 @@
 """Robustness: results with one changed argument of the environment, without a new training or tuning."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -9,14 +9,6 @@ from experiments.report.comparisons import PAPER, POLICY
 from experiments.report.episodes import MISSED_TOO_OFTEN, ComparisonResults
 
 Row = dict[str, Any]
-
-
-class Failing(NamedTuple):
-    """Changes under which a controller fails, see `where_it_fails`."""
-
-    controller: str  # label with article
-    worst: str  # the worst change in one line, or the statement that there is none
-    details: str  # for each argument, the mildest change under which a rival costs less; the most misses, if over 1 %
 
 
 def outcomes(results: ComparisonResults, controller: str = POLICY) -> pl.DataFrame:
@@ -41,10 +33,12 @@ def outcomes(results: ComparisonResults, controller: str = POLICY) -> pl.DataFra
     ).with_columns(off=off)  # fmt: skip
 
 
-def where_it_fails(results: ComparisonResults, name: str) -> Failing:
+def where_it_fails(results: ComparisonResults, name: str) -> tuple[str, str, str]:
     """Return where a contestant fails: its cost is above another's, or it misses over 1 % of objects.
 
-    Only rule, rival and policy play under changes; for any other `name`, the result is about the policy.
+    Returns its label with article; the worst change in one line, or that there is none; details: for each argument the
+    mildest change under which a rival costs less, and the most misses, if over 1 %. Only rule, rival and policy play
+    under changes; for any other `name`, the result is about the policy.
     """
     labels = {POLICY if each is results.comparison.policy else each.name: each.label
               for each in results.comparison.rivals}  # fmt: skip
@@ -70,10 +64,10 @@ def where_it_fails(results: ComparisonResults, name: str) -> Failing:
         shown = [*alike[:1], (missed, f"it {misses}")]
     if not shown:
         tried = sum(not row["same"] for row in ours)
-        return Failing(called, f"it is not worse than its rivals under any of {tried} single changes.", "")
+        return called, f"it is not worse than its rivals under any of {tried} single changes.", ""
     places = ((f"at {row['setting']}" if np.isfinite(row["value"]) else "there", words) for row, words in shown)
     line = ", ".join(f"{place} {words}" for place, words in places)
-    return Failing(called, f"{shown[0][0]['factor']}. {line[0].upper()}{line[1:]}.", " ".join(sentences))
+    return called, f"{shown[0][0]['factor']}. {line[0].upper()}{line[1:]}.", " ".join(sentences)
 
 
 def rows(results: ComparisonResults) -> list[dict[str, str]]:

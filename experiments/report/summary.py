@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from experiments.lab.charts import SERIES
 from experiments.lab.parts import Picture, percent
-from experiments.lab.statistics import Estimate, Floats, along, estimate, reduction, tolerated, velocity_at_time_of
+from experiments.lab.statistics import Estimate, along, estimate, reduction, tolerated, velocity_at_time_of
 from experiments.report.comparisons import BOUND, PAPER, POLICY, Comparison
 from experiments.report.episodes import MISSED_TOO_OFTEN, ComparisonResults, front_of
 from impact_gym.task.task import VELOCITY_RANGE
@@ -37,17 +37,22 @@ class Summary:
 
 def summary(results: ComparisonResults) -> Summary:
     """Return the summary, with intervals from resampled seeds and scenarios."""
-    contestants = [results.paper], [*results.seeds.values()], [results.rival]
+    main = results.baselines[results.comparison.rival.name]
+    contestants = [results.paper], [*results.seeds.values()], [main]
     paper, policy, rival = (front_of(runs, results.resamples) for runs in contestants)
     times, time = policy[0][0], paper[0][0, 0]
-    tuned = len(results.rival) > 1
     apart = "later" if rival[0][0].min() > time else "sooner" if rival[0][0].max() < time else ""
+    tuned = len(main) > 1
     nearest = np.clip(time, times.min(), times.max())
     velocity, of_rule = velocity_at_time_of(paper, policy), paper[1][:, 0]
+    ((at, of_paper),) = results.paper.front
+    curves = np.moveaxis(np.array([run.front for run in results.seeds.values()]), 2, 0)  # times, V_p: (seeds, weights)
+    all_reach = curves[0].min(axis=1).max() <= at <= curves[0].max(axis=1).min()
+    each = 1.0 - along(*curves, np.full(len(curves[0]), at)) / of_paper if all_reach else np.empty(0)
     missed = np.array([run.stacked("missed") for run in results.seeds.values()])
     return Summary(
         reduction=reduction(velocity, of_rule),
-        each=tuple(reductions(results).tolist()),
+        each=tuple(each.tolist()),
         reached=bool(nearest == time),
         later=float(nearest / time - 1.0),
         velocity=estimate(velocity),
@@ -58,19 +63,10 @@ def summary(results: ComparisonResults) -> Summary:
     )
 
 
-def reductions(results: ComparisonResults) -> Floats:
-    """Return `Summary.each` as an array (seeds,), empty if the front of a seed does not reach the paper's time."""
-    ((time, velocity),) = results.paper.front
-    times, velocities = np.moveaxis(np.array([run.front for run in results.seeds.values()]), 2, 0)
-    if times.min(axis=1).max() > time or times.max(axis=1).min() < time:
-        return np.empty(0)
-    return 1.0 - along(times, velocities, np.full(len(times), time)) / velocity
-
-
 def row(found: Summary, results: ComparisonResults) -> dict[str, str]:
     """Return the row of a set-up in the table of summaries, texts by heading."""
     (weight,), comparison = results.paper, results.comparison
-    rival, apart = found.rival_reduction, found.rival_apart
+    rival, apart, count = found.rival_reduction, found.rival_apart, results.resamples.scenarios
     rule, policy = results.paper.means(weight), results.policy.means(comparison.typical)
     return {
         "set-up": comparison.name,
@@ -79,8 +75,8 @@ def row(found: Summary, results: ComparisonResults) -> dict[str, str]:
         "V_p of the policy (m/s)": f"{found.velocity.value:.3f}",
         "V_p lower with the main baseline by": percent(rival) if rival else f"- (always {apart})" if apart else "-",
         "V_p lower with the policy by": percent(found.reduction) + " (at the nearest time)" * (not found.reached),
-        "missed by the rule": f"{100 * rule['missed'] / results.count:.1f} %",
-        "missed by the policy": f"{100 * policy['missed'] / results.count:.1f} %",
+        "missed by the rule": f"{100 * rule['missed'] / count:.1f} %",
+        "missed by the policy": f"{100 * policy['missed'] / count:.1f} %",
     }
 
 
@@ -127,7 +123,7 @@ def trade_off(results: ComparisonResults) -> Picture:
     comparison, rival, searched = results.comparison, results.comparison.rival, results.bound.get(BOUND)
     others = [run for run in results.seeds.values() if run is not results.policy]
     runs = {PAPER: [results.paper], POLICY: [results.policy, *others]}
-    runs |= {rival.label: [results.rival]} if rival.name != PAPER else {}
+    runs |= {rival.label: [results.baselines[rival.name]]} if rival.name != PAPER else {}
     runs |= {BOUND: [searched]} if searched else {}
     figure = Figure(figsize=(4.4, 3.4))
     axes = figure.subplots()

@@ -90,9 +90,13 @@ def test_rule_alone_is_its_own_main_baseline():
     assert {(row["rule"], row["main baseline"]) for row in robustness.rows(results)} == {("1.000", "1.000")}
 
 
-def test_compared_weights_are_those_of_evaluation_and_policy():
-    for given, compared in (((2.0, 9.0), (2.0,)), ((9.0,), (1.0, 2.0))):  # the policy plays at 1 and 2
-        assert replace(played().comparison, evaluation=Evaluation(weights=given)).weights == compared
+def test_baselines_are_compared_at_weights_of_evaluation_and_policy():
+    for given, compared in (((2.0, 9.0), [2.0, 3.0]), ((9.0,), [1.0, 2.0, 3.0])):  # the policy plays at 1 and 2
+        comparison, scenarios = played().comparison, {"set": "test", "count": 9}
+        tuned = replace(comparison.baselines[1], weights=(2.0, 3.0))
+        changed = {"baselines": (comparison.baselines[0], tuned), "evaluation": Evaluation(weights=given)}
+        cells = episodes.cells_of(replace(comparison, scenarios=scenarios, **changed))
+        assert [cell.arguments["weights"] for cell in cells if cell.labels["part"] == "baselines"][1] == compared
 
 
 @pytest.mark.parametrize(("steps", "budget", "said"), [(1.0, 1.0, 0), (0.5, 1.0, 1), (1.0, 0.5, 1), (0.5, 0.5, 2)])
