@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import polars as pl
 
 from agents.jobs import cached
-from impact_gym.support.command_line import command_of
 from impact_gym.support.files import locked, whole_file, write_file
 from impact_gym.support.provenance import circumstances, digest_of, revision
 from impact_gym.support.sources import compiled_from
@@ -29,9 +28,7 @@ Rows = Sequence[Row] | pl.DataFrame
 Frames = Mapping[str, pl.DataFrame]
 CACHE = "kept"  # subfolder of a study's folder, with the results of the study's cells
 RESULTS = "results.json"
-LOCK_FILE = (
-    ".impact_gym"  # lock file; a run writes only to a new or empty folder, or to a folder with this file or CACHE
-)
+LOCK_FILE = ".impact_gym"  # a run writes only to a new or empty folder, or to a folder with this file or CACHE
 LARGE = 50_000  # largest number of rows of a table in CSV; a larger table is written as Parquet
 SOLVER = tuple(  # modules on which the result of `simulate` depends, in addition to the compiled solver
     f"impact_gym.{name}"
@@ -114,10 +111,7 @@ class RunOptions:
 
 @dataclass(frozen=True)
 class StudyOptions(RunOptions):
-    """Run a study, and write a page with its tables.
-
-    A cell is one combination of settings; it gives rows of a table. The command measures only cells without results.
-    """
+    """Options of a study, which may also be quick or measure some tables only."""
 
     quick: bool = False
     """Shorten the study to minutes: fewer cells, shorter searches."""
@@ -266,8 +260,8 @@ def frame_of(measured: Iterable[tuple[Row, Rows]]) -> pl.DataFrame:
     return pl.concat(frames, how="diagonal_relaxed") if frames else pl.DataFrame()
 
 
-def run(study: Study, options: RunOptions, command: str = "") -> Path:
+def run(study: Study, options: RunOptions, command: str) -> Path:
     """Run a study; print its answer and the address of its page, and return the path of the page."""
-    page = StudyRun(study, options, command or command_of("study", options, None, study.name)).write()
+    page = StudyRun(study, options, command).write()
     print(last_run(page.parent)["answer"], f"results: {page.resolve().as_uri()}", sep="\n")
     return page

@@ -12,7 +12,7 @@ from agents.evaluate.play import pairs
 from agents.setups import README, load_setup
 from agents.setups.evaluation import RESERVED
 from agents.setups.keys import within
-from experiments.lab.study import RunOptions, Study, run
+from experiments.lab.study import Measurement, RunOptions, Study, run
 from experiments.report.comparisons import Comparison, of_policies, of_setup
 from impact_gym.support.command_line import command_of, run_command
 from impact_gym.support.files import parsed
@@ -125,8 +125,11 @@ def study_of(comparisons: Sequence[Comparison], own: bool) -> Study:
     objects = (each.controller.get("object") for comparison in comparisons for each in comparison.baselines)
     modules = {name.partition(":")[0] for name in objects if name}
     depends = f"{[*map(repr, comparisons)]} {own} {digest_of('impact_gym', 'agents', 'experiments.report')}"
-    return Study("report", QUESTION, [episodes.measurement(comparisons, modules)],
-                 lambda frames, _: page.analyse(comparisons, own, frames), PACKAGES, depends)  # fmt: skip
+    # the last default set-up has the longest cells, so its cells start first
+    cells = [cell for comparison in reversed(comparisons) for cell in episodes.cells_of(comparison)]
+    played = Measurement("episodes", lambda *_: cells, episodes.measured, (*episodes.DEPENDS, *modules))
+    return Study("report", QUESTION, [played], lambda frames, _: page.analyse(comparisons, own, frames), PACKAGES,
+                 depends)  # fmt: skip
 
 
 def write(options: ReportOptions) -> Path:

@@ -1,7 +1,7 @@
 """The episodes of a report: each cell plays one controller of a `Comparison`; their results: `ComparisonResults`."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,12 +16,13 @@ from agents.policies import Controller
 from agents.setups.evaluation import Change, variants
 from experiments.lab import grid
 from experiments.lab.statistics import Front, Resamples
-from experiments.lab.study import Cell, Measurement
+from experiments.lab.study import Cell
 from experiments.report.comparisons import PAPER, Comparison, Contestant
 from impact_gym.quantities import QUANTITIES
 from impact_gym.task import Task, evaluation_sets
 from impact_gym.task.scenario import FIELDS
 
+DEPENDS = (*grid.PLAYED, grid.__name__)  # modules on which the results of `measured` depend
 JSON = Mapping[str, Any]
 FEWER = 500  # largest number of scenarios of a cell that changes the environment
 HALVINGS = 9  # number of bisections of the logarithmic range of weights; enough for an error of 1 % in the weight
@@ -36,13 +37,6 @@ WORDS = {  # plain names of some arguments; `factor` names all arguments
     "scenario": "objects outside the training ranges",
 }
 SHOWN = {"s": ("ms", 1e3), "m": ("mm", 1e3), "%": ("%", 100.0)}  # for some units: the printed unit, and the factor
-
-
-def measurement(comparisons: Sequence[Comparison], own: Iterable[str]) -> Measurement:
-    """Return the measurement of all episodes; rows also depend on the user's modules `own`."""
-    # the last default set-up has the longest cells, so its cells start first
-    cells = [cell for comparison in reversed(comparisons) for cell in cells_of(comparison)]
-    return Measurement("episodes", lambda *_: cells, measured, (*grid.PLAYED, grid.__name__, *own))
 
 
 def cells_of(comparison: Comparison) -> Iterator[Cell]:
@@ -189,7 +183,7 @@ class ComparisonResults:
 
     @classmethod
     def of_rows(cls, comparison: Comparison, rows: pl.DataFrame) -> "ComparisonResults":
-        """Return the results of a comparison in the rows of `measurement`."""
+        """Return the results of a comparison in the rows of `measured`."""
         rows, varied = rows.filter(comparison=comparison.name), pl.col("part") == "varied"
         results, charge = cls(comparison, varied=rows.filter(varied)), grid.missed_cost(comparison.environment)
         for (part, name, weight), each in grid.groups(rows.filter(~varied), "part", "contestant", "weight"):

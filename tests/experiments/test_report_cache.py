@@ -65,7 +65,7 @@ def made(source, tmp_path, monkeypatch):
     def made(changes=None, own=False, **options):
         asked.clear()
         what = report.study_of([replace(usual, **(changes or {}))], own)
-        study.run(what, study.StudyOptions(tmp_path / "out", **options))
+        study.run(what, study.StudyOptions(tmp_path / "out", **options), "")
         return asked[0] if asked else None
 
     monkeypatch.setattr(page, "analyse", analyse)
