@@ -42,16 +42,18 @@ SHOWN = {"s": ("ms", 1e3), "m": ("mm", 1e3), "%": ("%", 100.0)}  # for some unit
 def cells_of(comparison: Comparison) -> Iterator[Cell]:
     """Yield the cells of a comparison; the label `part` is the field of `ComparisonResults` that gets the rows."""
     scenarios, environment, typical = comparison.scenarios, comparison.environment, comparison.typical
-    of_policy = comparison.policy.weights
-    compared = {*comparison.evaluation.weights} & {*of_policy} or of_policy
 
-    def cell(part: str, who: Contestant, where: JSON, weights: Sequence[float], arguments: JSON = environment) -> Cell:
-        labels = {"comparison": comparison.name, "part": part, "contestant": who.name}
+    def cell(
+        part: str, who: Contestant, where: JSON, weights: Sequence[float], arguments: JSON = environment, **more: Any
+    ) -> Cell:
+        labels = {"comparison": comparison.name, "part": part, "contestant": who.name, **more}
         return grid.cell(labels, who.controller, arguments, where, weights, part=part)
 
     for seed in comparison.seeds:
         yield cell("seeds", seed, scenarios, seed.weights)
+    of_policy = comparison.policy.weights
     yield cell("at_rule_time", comparison.policy, scenarios, of_policy)
+    compared = {*comparison.evaluation.weights} & {*of_policy} or of_policy
     for baseline in comparison.baselines:
         tuned = len(baseline.weights) > 1  # a tuned baseline can play at any weight
         weights = sorted({*baseline.weights, *compared, typical}) if tuned else baseline.weights
@@ -59,31 +61,19 @@ def cells_of(comparison: Comparison) -> Iterator[Cell]:
     for contestant in (*comparison.baselines, comparison.policy):
         yield cell("selection", contestant, selection_scenarios(scenarios), [typical])
     if (bound := comparison.bound) is not None:
-        searched = min(scenarios["count"], len(bound.controller["clairvoyant"][f"{bound.weights[0]:g}"]))
-        first = {**scenarios, "count": searched}
+        first = {**scenarios, "count": len(next(iter(bound.controller["clairvoyant"].values())))}
         yield cell("bound", bound, first, bound.weights, {**environment, "privileged": True})
-    some = {**scenarios, "count": min(FEWER, scenarios["count"])}
-    for labels, changed, where in changes(comparison, some):
-        for rival in comparison.rivals:
-            labelled, arguments = cell("varied", rival, where, [typical], changed)
-            yield Cell({**labelled, **labels}, arguments)
-
-
-def changes(comparison: Comparison, scenarios: JSON) -> Iterator[tuple[dict[str, Any], JSON, JSON]]:
-    """Yield labels, environment and scenarios of each change of one argument of the environment."""
-    for change in variants(comparison.evaluation, comparison.environment):
-        played = scenarios
+    for change in variants(comparison.evaluation, environment):  # one argument of the environment
+        where = {**scenarios, "count": min(FEWER, scenarios["count"])}
         if change.scenarios:
-            there = evaluation_sets.load(change.scenarios).count
-            played = {"set": change.scenarios, "count": min(scenarios["count"], there)}
-        nominal = {**comparison.environment, **comparison.evaluation.nominal}
-        environment = nominal if change.same else change.environment
-        labels = {
-            "change": f"{factor(change.argument)}: {setting(change)}",
-            "factor": factor(change.argument, environment.get("alarm") == "reading"), "setting": setting(change),
-            "same": change.same, "value": change.value,
-        }  # fmt: skip
-        yield labels, environment, played
+            where = {"set": change.scenarios,
+                     "count": min(where["count"], evaluation_sets.load(change.scenarios).count)}  # fmt: skip
+        changed = {**environment, **comparison.evaluation.nominal} if change.same else change.environment
+        named, value = factor(change.argument, changed.get("alarm") == "reading"), setting(change)
+        labels = {"change": f"{factor(change.argument)}: {value}", "factor": named, "setting": value,
+                  "same": change.same, "value": change.value}  # fmt: skip
+        for rival in comparison.rivals:
+            yield cell("varied", rival, where, [typical], changed, **labels)
 
 
 def factor(argument: str, by_reading: bool = False) -> str:
@@ -179,7 +169,7 @@ class ComparisonResults:
     baselines: dict[str, Results] = field(default_factory=dict)
     selection: dict[str, Results] = field(default_factory=dict)  # in `selection_scenarios`
     bound: dict[str, Results] = field(default_factory=dict)  # of the clairvoyant search; empty: there was none
-    varied: pl.DataFrame = field(default_factory=pl.DataFrame)  # rows in changed environments, with labels of `changes`
+    varied: pl.DataFrame = field(default_factory=pl.DataFrame)  # rows in changed environments, see `cells_of`
 
     @classmethod
     def of_rows(cls, comparison: Comparison, rows: pl.DataFrame) -> "ComparisonResults":

@@ -108,9 +108,8 @@ def _change(change: Estimate) -> str:
 def assisted(results: ComparisonResults) -> str:
     """Return in words the mean slide of the object and the mean duration of an episode, with each controller."""
     weight, labels, parts = results.comparison.typical, results.comparison.labels, []
-    for label, runs in [
-        (POLICY, [*results.seeds.values()]), *((labels[name], [run]) for name, run in results.baselines.items())
-    ]:  # fmt: skip
+    contestants = {labels[name]: [run] for name, run in results.baselines.items()}
+    for label, runs in ({POLICY: [*results.seeds.values()]} | contestants).items():
         slide, done = (np.array([getattr(run[weight], what) for run in runs]) for what in ("slide", "done_time"))
         length, time = (estimate(results.resamples.means(values)) for values in (100.0 * slide, done))  # cm, s
         parts.append(f"{label} {length:.2f} cm and {time:.2f} s")

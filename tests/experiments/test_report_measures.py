@@ -91,12 +91,11 @@ def test_rule_alone_is_its_own_main_baseline():
 
 
 def test_baselines_are_compared_at_weights_of_evaluation_and_policy():
+    paper, tuned, _ = played().comparison.baselines
+    baselines = {"baselines": (paper, replace(tuned, weights=(2.0, 3.0))), "scenarios": {"set": "test", "count": 9}}
     for given, compared in (((2.0, 9.0), [2.0, 3.0]), ((9.0,), [1.0, 2.0, 3.0])):  # the policy plays at 1 and 2
-        comparison, scenarios = played().comparison, {"set": "test", "count": 9}
-        tuned = replace(comparison.baselines[1], weights=(2.0, 3.0))
-        changed = {"baselines": (comparison.baselines[0], tuned), "evaluation": Evaluation(weights=given)}
-        cells = episodes.cells_of(replace(comparison, scenarios=scenarios, **changed))
-        assert [cell.arguments["weights"] for cell in cells if cell.labels["part"] == "baselines"][1] == compared
+        cells = episodes.cells_of(replace(played().comparison, evaluation=Evaluation(weights=given), **baselines))
+        assert [cell.arguments["weights"] for cell in cells if cell.labels["part"] == "baselines"] == [[2.0], compared]
 
 
 @pytest.mark.parametrize(("steps", "budget", "said"), [(1.0, 1.0, 0), (0.5, 1.0, 1), (1.0, 0.5, 1), (0.5, 0.5, 2)])

@@ -15,17 +15,18 @@ RULES = {
     "constant": "ConstantSpeed", "evenly": "ConstantDeceleration", "profile": "BlindProfile", "other": "BlindProfile",
     "range": "Ranged", "over": "RangedProfile", "filter": "FilteredProfile",
 }  # fmt: skip
+SCENARIO = dict.fromkeys(FIELDS, SPEEDS)
 SHARES = {"constant": (0.6, 0.8), "evenly": (0.5, 0.7), "profile": (0.4, 0.6)}  # of SPEEDS, at 0.4 s and at 0.2 s
 
 
 def run(shares, times=(0.4, 0.2), weights=WEIGHTS, missed=0):
     """A contestant whose V_p at each weight is a share of SPEEDS, after an approach of that weight's time (s)."""
-    missing = np.zeros((len(shares), COUNT), bool)
-    missing[:, :missed] = True
-    velocity, time = np.multiply.outer(shares, SPEEDS), np.multiply.outer(times, np.ones(COUNT))
-    columns = zip(velocity, time, missing, strict=True)
-    others = {"peak_force": np.ones(COUNT), "contact_count": np.ones(COUNT), "scenario": dict.fromkeys(FIELDS, SPEEDS)}
-    each = (Episodes(object_velocity=v, approach_time=t, missed=m, **others) for v, t, m in columns)
+    each = [
+        Episodes(
+            share * SPEEDS, np.full(COUNT, time), np.ones(COUNT), np.ones(COUNT), np.arange(COUNT) < missed, SCENARIO
+        )
+        for share, time in zip(shares, times, strict=True)
+    ]
     return Results(zip(weights, each, strict=True))
 
 
