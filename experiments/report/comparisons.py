@@ -139,7 +139,7 @@ def _seeds(
 
     If no weight is within this range, they play at the lower end of the range.
     """
-    low, *_, high = np.repeat(policies[chosen].task.time_weight, 2).tolist()
+    low, *_, high = np.repeat(policies[chosen].task.time_weight, 2).tolist()  # one weight or a pair
     if time_weight is not None:
         number("time_weight", time_weight, "m/s per s", at_least=low, at_most=high)
     compared = sorted({*evaluation.curve, *evaluation.weights, evaluation.typical})

@@ -72,10 +72,8 @@ def episodes(folder):
     shaped = {}
     for (part, name), rows in rows_of(folder, "linear-blind").sort("weight", "episode").group_by("part", "contestant"):
         if part != "varied":
-            shape, key = (
-                (rows["weight"].n_unique(), -1),
-                (part, name) if part in ("at_rule_time", "selection") else name,
-            )
+            shape = (rows["weight"].n_unique(), -1)
+            key = (part, name) if part in ("at_rule_time", "selection") else name
             shaped[key] = {each: rows[each].to_numpy().reshape(shape) for each in ("weight", *FIELDS, *RESULTS)}
     return shaped
 

@@ -78,9 +78,8 @@ def test_texts_and_charts_are_typeset(tmp_path):
 
 
 def said(results):
-    """Return the answer and its sentence."""
-    result = summary.summary(results)
-    return result, summary.sentence(result, results.comparison)
+    """Return the summary and its sentence."""
+    return (result := summary.summary(results)), summary.sentence(result, results.comparison)
 
 
 def test_rule_alone_is_its_own_main_baseline():
@@ -91,10 +90,10 @@ def test_rule_alone_is_its_own_main_baseline():
 
 
 def test_baselines_are_compared_at_weights_of_evaluation_and_policy():
-    paper, tuned, _ = played().comparison.baselines
-    baselines = {"baselines": (paper, replace(tuned, weights=(2.0, 3.0))), "scenarios": {"set": "test", "count": 9}}
+    toy = replace(played(("profile",)).comparison, scenarios={"set": "test", "count": 9})
+    toy = replace(toy, baselines=(toy.baselines[0], replace(toy.rival, weights=(2.0, 3.0))))
     for given, compared in (((2.0, 9.0), [2.0, 3.0]), ((9.0,), [1.0, 2.0, 3.0])):  # the policy plays at 1 and 2
-        cells = episodes.cells_of(replace(played().comparison, evaluation=Evaluation(weights=given), **baselines))
+        cells = episodes.cells_of(replace(toy, evaluation=Evaluation(weights=given)))
         assert [cell.arguments["weights"] for cell in cells if cell.labels["part"] == "baselines"] == [[2.0], compared]
 
 

@@ -21,12 +21,9 @@ SHARES = {"constant": (0.6, 0.8), "evenly": (0.5, 0.7), "profile": (0.4, 0.6)}  
 
 def run(shares, times=(0.4, 0.2), weights=WEIGHTS, missed=0):
     """A contestant whose V_p at each weight is a share of SPEEDS, after an approach of that weight's time (s)."""
-    each = [
-        Episodes(
-            share * SPEEDS, np.full(COUNT, time), np.ones(COUNT), np.ones(COUNT), np.arange(COUNT) < missed, SCENARIO
-        )
-        for share, time in zip(shares, times, strict=True)
-    ]
+    ones = np.ones(COUNT)
+    each = (Episodes(share * SPEEDS, time * ones, ones, ones, np.arange(COUNT) < missed, SCENARIO)
+            for share, time in zip(shares, times, strict=True))  # fmt: skip
     return Results(zip(weights, each, strict=True))
 
 
@@ -43,6 +40,6 @@ def played(names=("profile", "constant"), seeds=((0.2, 0.4),), varied=None, **en
     results.baselines = {PAPER: run((1.0,), (PAPER_TIME,), (2.0,))}
     results.baselines |= {name: run(SHARES.get(name, (0.35, 0.45))) for name in names}
     results.selection = {**results.baselines, "seed-0": results.seeds["seed-0"]}
-    means = {f"seed-{k}": np.mean(shares) for k, shares in enumerate(seeds)}
-    results.at_rule_time = {name: run((share,), (PAPER_TIME,), (1.4,)) for name, share in means.items()}
+    results.at_rule_time = {name: run((0.5 * sum(shares),), (PAPER_TIME,), (1.4,))
+                            for name, shares in zip(results.seeds, seeds, strict=True)}  # fmt: skip
     return results
