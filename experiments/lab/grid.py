@@ -24,8 +24,8 @@ def cell(
 ) -> Cell:  # fmt: skip
     """Return a cell for `play`; the arguments after `labels` are passed to `play`."""
     environment, where = jobs.environment_and_scenarios(environment, scenarios)
-    arguments = {"controller": controller, "environment": environment, "scenarios": where}
-    return Cell(labels, {**arguments, "weights": list(weights), **more})
+    arguments = {"controller": controller, "environment": environment, "scenarios": where, "weights": list(weights)}
+    return Cell(labels, {**arguments, **more})
 
 
 def play(

@@ -92,10 +92,9 @@ def contestants(found: Choice, results: ComparisonResults) -> Table:
     compared[found.controller] = "best choice"
     names = [contestant.name for contestant in simplest_first(comparison)]
     each = [(comparison.labels[name], results.runs[name][weight], compared[name]) for name in names]
+    each.append((f"{POLICY} at about the paper's approach time (w = {at_weight:.3g})", late, "-"))
     rows = []
-    for label, episodes, against in [
-        *each, (f"{POLICY} at about the paper's approach time (w = {at_weight:.3g})", late, "-")
-    ]:  # fmt: skip
+    for label, episodes, against in each:
         velocity, peak, touched = episodes.object_velocity, episodes.peak_force, ~episodes.missed
         impulse = velocity * episodes.scenario["object_mass"]
         row = {
