@@ -229,7 +229,8 @@ def baselines(
     observations = np.zeros((2, len(ObservationSpec(task))), np.float32)
     for name in names:
         spec: dict[str, Any] = {"baseline": name}
-        weights, checksum, its_own = (typical,), "", setup is not None and name in setup.tuned
+        weights: tuple[float, ...] = (typical,)
+        checksum, its_own = "", setup is not None and name in setup.tuned
         if its_own or name in shipped_baselines():
             content = read_tuned(name, folder, setup) if its_own else read_tuned(name)
             spec, weights, checksum = {"tuned": content}, tuple(map(float, content["weights"])), content["sha256"]

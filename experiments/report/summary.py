@@ -46,9 +46,9 @@ def summary(results: ComparisonResults) -> Summary:
     nearest = np.clip(time, times.min(), times.max())
     velocity, of_rule = velocity_at_time_of(paper, policy), paper[1][:, 0]
     ((at, of_paper),) = results.paper.front
-    curves = np.moveaxis(np.array([run.front for run in results.seeds.values()]), 2, 0)  # times, V_p: (seeds, weights)
-    all_reach = curves[0].min(axis=1).max() <= at <= curves[0].max(axis=1).min()
-    each = 1.0 - along(*curves, np.full(len(curves[0]), at)) / of_paper if all_reach else np.empty(0)
+    curve_times, curves = np.moveaxis(np.array([run.front for run in results.seeds.values()]), 2, 0)  # (seeds, weights)
+    all_reach = curve_times.min(axis=1).max() <= at <= curve_times.max(axis=1).min()
+    each = 1.0 - along(curve_times, curves, np.full(len(curves), at)) / of_paper if all_reach else np.empty(0)
     missed = np.array([run.stacked("missed") for run in results.seeds.values()])
     return Summary(
         reduction=reduction(velocity, of_rule),
