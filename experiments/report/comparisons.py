@@ -235,8 +235,9 @@ def baselines(
             content = read_tuned(name, folder, setup) if its_own else read_tuned(name)
             spec, weights, checksum = {"tuned": content}, tuple(map(float, content["weights"])), content["sha256"]
         elif ":" in name:
-            spec, checksum = {"object": name}, digest_of(name.partition(":")[0])
+            spec = {"object": name}
             try_out(name, controller_of(spec, typical), observations, len(task.action))  # here, not in a worker
+            checksum = digest_of(name.partition(":")[0])
         elif name not in FIXED:
             known = nearest("baseline", name, [*FIXED, *shipped_baselines()])
             raise ValueError(f"{known} (give a baseline of your own as module:object)")
