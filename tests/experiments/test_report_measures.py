@@ -78,7 +78,6 @@ def test_texts_and_charts_are_typeset(tmp_path):
 
 
 def said(results):
-    """Return the summary and its sentence."""
     return (result := summary.summary(results)), summary.sentence(result, results.comparison)
 
 
@@ -152,9 +151,8 @@ def test_difference_is_claimed_only_beyond_its_interval(off, words):
     results = played()
     for name, each in results.baselines.items():
         results.baselines[name] = run((2.0,) * len(each), (0.2,) * len(each), each)
-    policy = run((2.0, 2.0), (0.2, 0.2))
+    results.seeds["seed-0"] = policy = run((2.0, 2.0), (0.2, 0.2))
     policy[2.0].object_velocity[:] += np.tile([-0.3, 0.3], COUNT // 2) + off
-    results.seeds["seed-0"] = policy
     found = choice.choice(results)
     _, of_rule, of_rival = found.sentence.split("; ")
     assert found.controller == "seed-0"
@@ -185,11 +183,10 @@ def test_answer_says_what_a_curve_does_not_reach(shares, times, numbers):
 
 def test_a_missed_object_is_not_counted_as_slow():
     results, missing = played(), np.arange(COUNT) % 2 == 1
-    policy = results.seeds["seed-0"]
-    for each in policy.values():
+    for each in results.policy.values():
         each.missed[:], each.object_velocity[missing] = missing, 0.0
     touched = SPEEDS[~missing].mean()
-    assert [policy.means(weight)["V"] for weight in (1.0, 2.0)] == pytest.approx([0.2 * touched, 0.4 * touched])
+    assert [results.policy.means(weight)["V"] for weight in (1.0, 2.0)] == pytest.approx([0.2 * touched, 0.4 * touched])
     assert summary.summary(results).velocity.value == pytest.approx(0.3 * touched)
     policy_at_two = choice.contestants(choice.choice(results), results).rows[-2]
     assert policy_at_two[4].startswith(f"{0.4 * touched:.3f} [")
