@@ -14,7 +14,7 @@ from agents.setups import Setup, load_setup
 from agents.train import __main__ as train
 from experiments.lab.study import last_run
 from experiments.report import __main__ as report
-from experiments.report.matchups import PAPER, RULE
+from experiments.report.comparisons import PAPER, RULE
 from impact_gym.support.command_line import command_of, run_command
 from impact_gym.support.files import write_file
 from impact_gym.support.validation import number
@@ -74,7 +74,9 @@ def stages(copy: Path, options: ControllerOptions) -> dict[str, tuple[Callable[[
     tuning = tune.Tune(copies, bound=setup.bound == copy.stem, out=out / "tuned", jobs=out / "searches", **where)
     training = train.TrainOptions(copies[0], setup.training)
     training = replace(training, seeds=setup.seeds, out=out / "runs", policies=out / "policies", **where)
-    page = report.ReportOptions(copies, out, out=out / "report", cluster=options.cluster, time_weight=weight)
+    page = report.ReportOptions(
+        setups=copies, folder=out, out=out / "report", cluster=options.cluster, time_weight=weight
+    )
     if weight is not None and weight not in setup.evaluation.weights:
         tuning = replace(tuning, weights=tuple(sorted({*setup.evaluation.weights, weight})))
     if options.quick:

@@ -177,7 +177,7 @@ def test_report_shows_hostile_texts_as_texts(tmp_path, monkeypatch):
     made = made_up_policy(environment={**setup.environment, "time_weight": [0.3, 8.0]})
     about = {"settings": {"seed": 0, "steps": 2000}, "command": title, "versions": {"</script>": "<b>"}}
     Policy(made.network, made.task, about).save(tmp_path / "policies" / "bad.npz")
-    options = ReportOptions(("bad.toml",), folder=tmp_path, count=4, out=tmp_path / "out", processes=0)
+    options = ReportOptions(setups=("bad.toml",), folder=tmp_path, count=4, out=tmp_path / "out", processes=0)
     page = write(options).read_text()
     scripts = re.findall(r"<script([^>]*)>(.*?)</script>", page, re.DOTALL)
     assert title in unescape(re.sub(r"<script.*?</script>|<[^>]*>", "", page, flags=re.DOTALL))  # visible text

@@ -15,23 +15,19 @@ from impact_gym.render import palette
 from impact_gym.support.files import write_file
 
 mpl.use("agg")
-mpl.rcParams.update(
-    {
-        "figure.constrained_layout.use": True,
-        "axes.spines.top": False,
-        "axes.spines.right": False,
-        "axes.grid": True,
-        "grid.color": palette.GRID,
-        "grid.linewidth": 0.6,
-        "lines.linewidth": 1.6,
-        "font.size": 10,
-        "legend.frameon": False,
-        **dict.fromkeys(("figure.facecolor", "axes.facecolor", "savefig.facecolor"), "none"),
-        **dict.fromkeys(("text.color", "axes.labelcolor", "xtick.color", "ytick.color", "axes.edgecolor"), palette.INK),
-        "svg.fonttype": "none",
-        "svg.hashsalt": "impact_gym",
-    }
-)
+mpl.rc("figure", facecolor="none")
+mpl.rc("figure.constrained_layout", use=True)
+mpl.rc("axes", facecolor="none", grid=True, labelcolor=palette.INK, edgecolor=palette.INK)
+mpl.rc("axes.spines", top=False, right=False)
+mpl.rc("xtick", color=palette.INK)
+mpl.rc("ytick", color=palette.INK)
+mpl.rc("text", color=palette.INK)
+mpl.rc("grid", color=palette.GRID, linewidth=0.6)
+mpl.rc("lines", linewidth=1.6)
+mpl.rc("font", size=10)
+mpl.rc("legend", frameon=False)
+mpl.rc("savefig", facecolor="none")
+mpl.rc("svg", fonttype="none", hashsalt="impact_gym")
 
 SERIES = (palette.RULE, palette.POLICY, palette.PROFILE, palette.PERSON, palette.WARNING, palette.FORCE)
 OTHERS = palette.FLANGE  # colour of each further series, if SERIES has too few colours

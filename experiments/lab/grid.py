@@ -8,7 +8,7 @@ import polars as pl
 
 from agents.evaluate import play as jobs
 from agents.evaluate.scenario_batch import MEASURED
-from experiments.lab.statistics import Floats, Front, Resamples, front
+from experiments.lab.statistics import Floats, Front, Resamples
 from experiments.lab.study import Cell, Row
 from impact_gym.task.scenario import FIELDS
 from impact_gym.task.task import MISSED_COST
@@ -24,8 +24,8 @@ def cell(
 ) -> Cell:  # fmt: skip
     """Return a cell for `play`; the arguments after `labels` are passed to `play`."""
     environment, where = jobs.environment_and_scenarios(environment, scenarios)
-    arguments = {"controller": controller, "environment": environment, "scenarios": where}
-    return Cell(labels, {**arguments, "weights": list(weights), **more})
+    arguments = {"controller": controller, "environment": environment, "scenarios": where, "weights": list(weights)}
+    return Cell(labels, {**arguments, **more})
 
 
 def play(
@@ -34,12 +34,11 @@ def play(
 ) -> pl.DataFrame:  # fmt: skip
     """Return a row for each episode: weight (m/s per s), index and fields of the scenario, results and cost (m/s)."""
     results = jobs.play(controller, scenarios, weights, environment, lenient)
-    measured = {name: results[name] for name in MEASURED if name in results}
-    shape = next(iter(measured.values())).shape
-    columns: dict[str, Any] = {"weight": np.array(weights)[:, None], "episode": np.arange(shape[1])}
-    columns |= {name: results[name] for name in FIELDS} | measured
-    columns["cost"] = measured["object_velocity"] + columns["weight"] * measured["approach_time"]
-    columns["cost"] += missed_cost(environment) * measured["missed"]  # added last, to round as `Episodes.loss` does
+    shape, weight = results["missed"].shape, np.array(weights)[:, None]
+    columns: dict[str, Any] = {"weight": weight, "episode": np.arange(shape[1])}
+    columns |= {name: results[name] for name in (*FIELDS, *MEASURED) if name in results}
+    columns["cost"] = results["object_velocity"] + weight * results["approach_time"]
+    columns["cost"] += missed_cost(environment) * results["missed"]  # added last, to round as `Episodes.loss` does
     return pl.DataFrame({name: np.broadcast_to(values, shape).ravel() for name, values in columns.items()})
 
 
@@ -55,13 +54,11 @@ def sample(frame: pl.DataFrame, name: str) -> Floats:
 
 
 def front_of(frame: pl.DataFrame, resamples: Resamples) -> Front:
-    """Return the front of one contestant in one environment."""
+    """Return the front of one contestant in one environment; V_p is the mean over the touched objects."""
     each = [rows for _, rows in groups(frame.sort("weight"), "weight")]
-    times, velocities, missed = (
-        np.stack([sample(rows, name) for rows in each], axis=1)
-        for name in ("approach_time", "object_velocity", "missed")
-    )
-    return front(resamples, times, velocities, missed.astype(np.bool_))
+    names = ("approach_time", "object_velocity", "missed")
+    times, velocities, missed = (np.stack([sample(rows, name) for rows in each], axis=1) for name in names)
+    return resamples.means(times), resamples.means_where(velocities, missed == 0.0)
 
 
 def missed_cost(environment: Mapping[str, Any]) -> float:

@@ -2,7 +2,6 @@
 
 import base64
 import re
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ from markupsafe import Markup, escape
 
 from experiments.lab import charts, player
 from experiments.lab.charts import POWER, SYMBOL
-from experiments.lab.parts import Picture, Table, Terms
+from experiments.lab.parts import Picture
 from impact_gym.support.files import write_file
 
 EXPERIMENTS = Path(__file__).parents[1]
@@ -29,16 +28,11 @@ def typeset(text: str) -> Markup:
     return Markup(POWER.sub(r"<sup>\1\2</sup>", SYMBOL.sub(r"\1<sub>\2</sub>", unbroken)))
 
 
-MACROS: Mapping[type, str] = {  # the macro in lab/parts.html.jinja for each type of part
-    str: "paragraph", Table: "table", Picture: "picture", Terms: "terms"
-}  # fmt: skip
-
-
 def write(folder: Path, **content: Any) -> Path:
     """Write `folder`/index.html, and return the path of the page.
 
     The template lab/page.html.jinja uses `content` by its names, filter `typeset` and module `player`.
-    `image(picture)` writes `folder`/NAME.svg and returns a URI; `macro_name(part)` returns the name of a part's macro.
+    `image(picture)` writes `folder`/NAME.svg and returns a URI.
     """
 
     def image(picture: Picture) -> str:
@@ -47,6 +41,6 @@ def write(folder: Path, **content: Any) -> Path:
 
     pages = Environment(loader=FileSystemLoader(EXPERIMENTS), autoescape=True, undefined=StrictUndefined)
     pages.filters["typeset"] = typeset
-    pages.globals |= {"image": image, "macro_name": lambda part: MACROS[type(part)], "player": player}
+    pages.globals |= {"image": image, "player": player}
     text = pages.get_template("lab/page.html.jinja").render(**content)
     return write_file(folder / "index.html", text.encode(errors="replace"))

@@ -100,8 +100,5 @@ def percent(share: Estimate, digits: int = 1) -> str:
 def tables_of(sections: Iterable[Section]) -> Iterator[Table]:
     """Yield the tables of sections and of the sections in them."""
     for section in sections:
-        for part in section.parts:
-            if isinstance(part, Table):
-                yield part
-            elif isinstance(part, Section):
-                yield from tables_of([part])
+        yield from (part for part in section.parts if isinstance(part, Table))
+        yield from tables_of(part for part in section.parts if isinstance(part, Section))

@@ -1,8 +1,8 @@
-"""Bootstrap intervals over training seeds and scenarios, and comparisons of two contestants in the same scenarios."""
+"""Bootstrap intervals over training seeds and scenarios; fronts of approach time and V_p."""
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,39 +95,11 @@ def along(curve_x: Floats, curve_y: Floats, at: Floats) -> Floats:
     return np.array([np.interp(point, *line) for point, *line in zip(at, x, y, strict=True)])
 
 
-def front(resamples: Resamples, times: Floats, velocities: Floats, missed: NDArray[np.bool_]) -> Front:
-    """Return the front of arrays (seeds, weights, scenarios): approach times (s), V_p (m/s), and whether it was missed.
-
-    V_p is the mean over the touched objects.
-    """
-    return resamples.means(times), resamples.means_where(velocities, ~missed)
+def velocity_at_time_of(single: Front, front: Front) -> Floats:
+    """Return V_p (m/s), (1 + n,), of `front` at the approach time of `single`, a front of one point."""
+    return along(*front, single[0][:, 0])
 
 
-@dataclass(frozen=True)
-class Comparison:
-    """A measure of two contestants, as arrays (1 + n,): first of the sample, then of n resamples common to both."""
-
-    ours: Floats
-    theirs: Floats
-
-    @classmethod
-    def of_means(cls, ours: Floats, theirs: Floats) -> Self:
-        """Compare the means of values (scenarios,) or (seeds, scenarios)."""
-        resamples = Resamples(ours.shape[-1])
-        return cls(resamples.means(ours), resamples.means(theirs))
-
-    @classmethod
-    def of_fronts(cls, ours: Front, theirs: Front) -> Self:
-        """Compare V_p (m/s) of both fronts at the approach time of `theirs`; the front `theirs` has a single point."""
-        (time,), (velocity,) = theirs[0].T, theirs[1].T
-        return cls(along(*ours, time), velocity)
-
-    @property
-    def less(self) -> Estimate:
-        """`theirs` - `ours`."""
-        return estimate(self.theirs - self.ours)
-
-    @property
-    def reduction(self) -> Estimate:
-        """(`theirs` - `ours`) / `theirs`."""
-        return estimate(1.0 - self.ours / self.theirs)
+def reduction(ours: Floats, theirs: Floats) -> Estimate:
+    """Return (`theirs` - `ours`) / `theirs` of two means (1 + n,), whose n resamples are the same."""
+    return estimate(1.0 - ours / theirs)

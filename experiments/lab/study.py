@@ -15,7 +15,6 @@ import polars as pl
 
 from agents.jobs import cached
 from impact_gym.support.archive import checksum
-from impact_gym.support.command_line import command_of
 from impact_gym.support.files import locked, whole_file, write_file
 from impact_gym.support.provenance import circumstances, digest_of, revision
 from impact_gym.support.sources import compiled_from
@@ -27,9 +26,9 @@ if TYPE_CHECKING:
 Row = Mapping[str, Any]
 Rows = Sequence[Row] | pl.DataFrame
 Frames = Mapping[str, pl.DataFrame]
-KEPT = "kept"  # subfolder of a study's folder, with the results of the study's cells
+CACHE = "kept"  # subfolder of a study's folder, with the results of the study's cells
 RESULTS = "results.json"
-MARK = ".impact_gym"  # lock file; a run writes only to a new or empty folder, or to a folder with this file or KEPT
+LOCK_FILE = ".impact_gym"  # a run writes only to a new or empty folder, or to a folder with this file or CACHE
 LARGE = 50_000  # largest number of rows of a table in CSV; a larger table is written as Parquet
 SOLVER = tuple(  # modules on which the result of `simulate` depends, in addition to the compiled solver
     f"impact_gym.{name}"
@@ -88,86 +87,84 @@ class Study:
 
 
 @dataclass(frozen=True)
-class StudyOptions:
-    """Run a study, and write a page with its tables.
-
-    A cell is one combination of settings; it gives rows of a table. The command measures only cells without results.
-    """
+class RunOptions:
+    """Where a command measures, and what it writes."""
 
     out: Path | None = None
     """Folder for the tables, the figures and the page. The default is reports/NAME, or reports/NAME-quick with
     --quick."""
-    quick: bool = False
-    """Shorten the study to minutes: fewer cells, shorter searches."""
     force: bool = False
-    """Measure all cells again, even if their results are up to date."""
-    only: tuple[str, ...] = ()
-    """Names of the tables to measure. The command also measures the tables that these tables or the page need."""
+    """Measure all cells again and write the page again, even if they are up to date."""
     processes: int | None = None
     """Largest number of cells that the command measures at the same time on this machine. The default is
     the number of cores. 0: this process measures all cells."""
     cluster: str | None = None
-    """Address of a Ray cluster to measure on. "ray": the address in RAY_ADDRESS, else the cluster of this machine."""
+    """Address of a Ray cluster to measure on. "ray": the address in RAY_ADDRESS, else the cluster of this machine. The
+    module of each module:object must be installed on all nodes."""
     results: Path | None = None
     """Folder (docs/results) for the tables that the documentation shows, as CSV files."""
 
     def __post_init__(self) -> None:
-        if self.results is not None and self.quick:
-            raise ValueError("results need a whole run: leave out --quick")
         if self.processes is not None:
             whole("processes", self.processes, at_least=0)
+
+
+@dataclass(frozen=True)
+class StudyOptions(RunOptions):
+    """Options of a study, which may also be quick or measure some tables only."""
+
+    quick: bool = False
+    """Shorten the study to minutes: fewer cells, shorter searches."""
+    only: tuple[str, ...] = ()
+    """Names of the tables to measure. The command also measures the tables that these tables or the page need."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.results is not None and self.quick:
+            raise ValueError("results need a whole run: leave out --quick")
 
 
 class StudyRun(dict[str, pl.DataFrame]):
     """A run of a study, as a dict of the measured tables by name. Reading a missing table measures the table."""
 
-    def __init__(self, study: Study, options: StudyOptions, command: str = "") -> None:
+    def __init__(self, study: Study, options: RunOptions, command: str = "") -> None:
         """Prepare a run; `command` is the command line that repeats the run."""
         super().__init__()
         self.study, self.options, self.command = study, options, command
-        self.folder = options.out or Path("reports", f"{study.name}{'-quick' if options.quick else ''}")
+        self.quick, self.only = (options.quick, options.only) if isinstance(options, StudyOptions) else (False, ())
+        self.folder = options.out or Path("reports", f"{study.name}{'-quick' if self.quick else ''}")
         self.measurements = {measurement.name: measurement for measurement in study.measurements}
 
     def __missing__(self, name: str) -> pl.DataFrame:
-        """Return the rows of all cells of a table; only cells without kept results are measured."""
-        measurement = self.measurements[name]
-        cells, row_of = list(measurement.cells(self.options.quick, self)), measurement.failed
+        """Return the rows of all cells of a table; only cells without cached results are measured."""
+        measurement, options = self.measurements[name], self.options
+        cells, row_of = list(measurement.cells(self.quick, self)), measurement.failed
 
         def failed(arguments: Mapping[str, Any], reason: str) -> Rows:
             labels = next(cell.labels for cell in cells if cell.arguments == arguments)
             return [{**(row_of(labels) if row_of else {}), "failure": reason.replace("\n", " ")}]
 
-        limit, requested = measurement.processes, self.options.processes
+        digest, limit = measurement.digest, measurement.processes
+        folder = self.folder / CACHE / f"{name}-{checksum(digest)[:16]}"
+        for other in {*folder.parent.glob(f"{name}-*")} - {folder}:  # of other versions of the sources
+            shutil.rmtree(other, ignore_errors=True)
+        limits = [most for most in (limit, options.processes) if most is not None]
         results = cached(
-            measurement.measure,
-            [cell.arguments for cell in cells],
-            self._kept(measurement),
-            depends=measurement.digest,
-            title=name,
-            processes=requested if limit is None else limit if requested is None else min(limit, requested),
-            cluster=self.options.cluster if limit is None else None,
-            seconds=measurement.seconds,
-            failed=failed if row_of else None,
-        )
+            measurement.measure, [cell.arguments for cell in cells], folder, depends=digest, title=name,
+            processes=min(limits, default=None), cluster=options.cluster if limit is None else None,
+            seconds=measurement.seconds, failed=failed if row_of else None,
+        )  # fmt: skip
         self[name] = frame_of(zip((cell.labels for cell in cells), results, strict=True))
         return self[name]
 
-    def _kept(self, measurement: Measurement) -> Path:
-        """Return the folder of a table's kept cells; those of other versions of the sources are deleted."""
-        name = f"{measurement.name}-{checksum(measurement.digest)[:16]}"
-        for folder in (self.folder / KEPT).glob(f"{measurement.name}-*"):
-            if folder.name != name:
-                shutil.rmtree(folder, ignore_errors=True)
-        return self.folder / KEPT / name
-
     def measure(self) -> Findings:
         """Measure the tables in `only`, or all tables if `only` is empty; return their analysis."""
-        if unknown := {*self.options.only} - {*self.measurements}:
+        if unknown := {*self.only} - {*self.measurements}:
             names = ", ".join(self.measurements)
             raise ValueError(f"only: no table {min(unknown)!r} in the study {self.study.name}; its tables: {names}")
-        for name in self.options.only or self.measurements:
+        for name in self.only or self.measurements:
             _ = self[name]
-        return self.study.analyse(self, self.options.quick)
+        return self.study.analyse(self, self.quick)
 
     def write(self) -> Path:
         """Measure missing cells, write tables, figures and the page, and return the path of the page.
@@ -176,14 +173,16 @@ class StudyRun(dict[str, pl.DataFrame]):
         each with its command, versions, machine, load before the run, answer, numbers, and duration in seconds (None:
         the run did not finish). ValueError: the folder has other content, or is a file.
         """
-        page, there = self.folder / "index.html", existing(self.folder)
+        page, folders = self.folder / "index.html", (self.folder, *self.folder.absolute().parents)
+        there = next(folder for folder in folders if folder.exists())
         if not there.is_dir():
             raise ValueError(f"out must be a folder, but {there} is a file")
-        if there == self.folder and any(there.iterdir()) and not {MARK, KEPT} & {path.name for path in there.iterdir()}:
+        content = {path.name for path in there.iterdir()} if there == self.folder else set()
+        if content and not {LOCK_FILE, CACHE} & content:
             raise ValueError(f"out must be a new or empty folder, or the folder of an earlier run, got {there}")
         made_from = self._made_from()
         if self.options.force or not page.is_file() or last_run(self.folder).get("made from") != made_from:
-            with locked(self.folder / MARK):
+            with locked(self.folder / LOCK_FILE):
                 self._write(made_from)
         return page
 
@@ -192,23 +191,22 @@ class StudyRun(dict[str, pl.DataFrame]):
         cells = list[Sequence[Cell]]()
         for each in self.study.measurements:
             with suppress(KeyError):  # cells that depend on another table follow from that table's cells
-                cells.append([*each.cells(self.options.quick, {})])
+                cells.append([*each.cells(self.quick, {})])
         analyse = getattr(self.study.analyse, "func", self.study.analyse)  # it may be a functools.partial
         sources = digest_of("experiments.lab", analyse.__module__), [each.digest for each in self.study.measurements]
-        inputs = cells, sources, self.study.depends, self.options.only, self.options.results
+        inputs = cells, sources, self.study.depends, self.only, self.options.results
         return checksum(pickle.dumps(inputs))  # not `repr`: cells share long texts
 
     def _write(self, made_from: str) -> None:
         from experiments.lab import page, results
         from experiments.lab.parts import tables_of
 
+        study, cache, log = self.study, self.folder / CACHE, self.folder / RESULTS
         if self.options.force:
-            shutil.rmtree(self.folder / KEPT, ignore_errors=True)
-        log = self.folder / RESULTS
-        runs = runs_of(self.folder) if (self.folder / KEPT).is_dir() else []
-        begun = time.perf_counter()
+            shutil.rmtree(cache, ignore_errors=True)
+        runs, begun = runs_of(self.folder) if cache.is_dir() else [], time.perf_counter()
         record: dict[str, Any] = {"command": self.command, "seconds": None, "load_before": os.getloadavg()[0]}
-        runs.append(record | revision() | circumstances("impact-gym", "numpy", "scipy", *self.study.packages))
+        runs.append(record | revision() | circumstances("impact-gym", "numpy", "scipy", *study.packages))
         try:
             findings = self.measure()
         finally:
@@ -220,14 +218,8 @@ class StudyRun(dict[str, pl.DataFrame]):
                 results.write(self.options.results, table.results, table, runs[-1])
         runs[-1] |= {"seconds": time.perf_counter() - begun, "made from": made_from}
         runs[-1] |= {"answer": findings.answer, "numbers": findings.numbers}
-        about: dict[str, Any] = {"question": self.study.question, "findings": findings, "files": files}
-        page.write(self.folder, runs=runs, quick=self.options.quick, **about)
+        page.write(self.folder, runs=runs, quick=self.quick, question=study.question, findings=findings, files=files)
         write_file(log, json.dumps({"runs": runs}, indent=2) + "\n")  # last: its digest says that the page is complete
-
-
-def existing(path: Path) -> Path:
-    """Return `path`, or the nearest folder above it that exists."""
-    return next(each for each in (path, *path.absolute().parents) if each.exists())
 
 
 def runs_of(folder: Path) -> list[dict[str, Any]]:
@@ -268,8 +260,8 @@ def frame_of(measured: Iterable[tuple[Row, Rows]]) -> pl.DataFrame:
     return pl.concat(frames, how="diagonal_relaxed") if frames else pl.DataFrame()
 
 
-def run(study: Study, options: StudyOptions, command: str = "") -> Path:
+def run(study: Study, options: RunOptions, command: str) -> Path:
     """Run a study; print its answer and the address of its page, and return the path of the page."""
-    page = StudyRun(study, options, command or command_of("study", options, None, study.name)).write()
+    page = StudyRun(study, options, command).write()
     print(last_run(page.parent)["answer"], f"results: {page.resolve().as_uri()}", sep="\n")
     return page

@@ -12,8 +12,8 @@ from agents.evaluate.play import pairs
 from agents.setups import README, load_setup
 from agents.setups.evaluation import RESERVED
 from agents.setups.keys import prefixed_errors
-from experiments.lab.study import Findings, Frames, Study, StudyOptions, run
-from experiments.report.matchups import Matchup, of_policies, of_setup
+from experiments.lab.study import Measurement, RunOptions, Study, run
+from experiments.report.comparisons import Comparison, of_policies, of_setup
 from impact_gym.support.command_line import command_of, run_command
 from impact_gym.support.files import parsed
 from impact_gym.support.provenance import digest_of
@@ -26,7 +26,7 @@ PACKAGES = ("gymnasium", "matplotlib", "polars", "jinja2")
 
 
 @dataclass(frozen=True)
-class ReportOptions:
+class ReportOptions(RunOptions):
     """Play policies and baselines in the same scenarios, and write a page that compares them.
 
     If you name neither set-ups nor policies, the command compares controllers for the set-ups linear-blind,
@@ -60,21 +60,11 @@ class ReportOptions:
     `evaluation.typical` of the set-up (2 by default)."""
     out: Path = Path("reports/latest")
     """Folder for the page and the results of the episodes. To continue after an interruption, repeat the command."""
-    force: bool = False
-    """Play all episodes and write the page again, even if the page is up to date."""
-    processes: int | None = None
-    """Number of processes on this machine that play episodes. Without this option, there is one process for each core.
-    0: this process plays all episodes."""
-    cluster: str | None = None
-    """Address of a Ray cluster that plays the episodes. "ray": the address in RAY_ADDRESS, or else the cluster of this
-    machine. The module of each module:object must be installed on all nodes."""
-    results: Path | None = None
-    """Folder (docs/results) for the tables that the documentation shows, as CSV files."""
 
     def __post_init__(self) -> None:
-        for name, least in (("count", 2), ("processes", 0)):
-            if (value := getattr(self, name)) is not None:
-                whole(name, value, at_least=least)
+        super().__post_init__()
+        if self.count is not None:
+            whole("count", self.count, at_least=2)
         if self.time_weight is not None:
             number("time_weight", self.time_weight, "m/s per s", above=0)
         if self.setups and self.policy:
@@ -111,43 +101,41 @@ def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict
     return {"table": table, "seed": frozen.seed, "count": count}, {}
 
 
-def matchups_of(options: ReportOptions) -> list[Matchup]:
-    """Return the matchups of the options; ValueError: an option is invalid, or a file is missing or invalid."""
+def comparisons_of(options: ReportOptions) -> list[Comparison]:
+    """Return the comparisons of the options; ValueError: an option is invalid, or a file is missing or invalid."""
     if options.policy:
         scenarios, changes = scenarios_from(options.scenarios or "test", options.count)
         return of_policies(options.policy, options.baseline, scenarios, changes, options.time_weight)
     setups = list(map(load_setup, options.setups or README))
     distinct("names of set-ups", [setup.name for setup in setups])
-    matchups = []
+    comparisons = []
     for setup in setups:
         count = options.count or (setup.evaluation.scenarios if options.scenarios is None else None)
         scenarios, changes = scenarios_from(options.scenarios or setup.evaluation.set, count)
         if changes:
             raise ValueError("scenarios with an environment need --policy: a set-up has its own environment")
-        matchups.append(of_setup(setup, scenarios, options.folder, options.time_weight))
-    return matchups
+        comparisons.append(of_setup(setup, scenarios, options.folder, options.time_weight))
+    return comparisons
 
 
-def study_of(matchups: Sequence[Matchup], own: bool) -> Study:
-    """Return the study of matchups; `own`: whether policies or set-ups are the user's."""
-    from experiments.report.episodes import measurement  # the import takes a second
+def study_of(comparisons: Sequence[Comparison], own: bool) -> Study:
+    """Return the study of comparisons; `own`: whether policies or set-ups are the user's."""
+    from experiments.report import episodes, page  # here, because the imports take a second
 
-    def analyse(frames: Frames, _: bool) -> Findings:
-        from experiments.report import page  # only to write the page: the import takes a second
-
-        return page.analyse(matchups, own, frames)
-
-    modules = {each.controller["object"].partition(":")[0]
-               for matchup in matchups for each in matchup.baselines if "object" in each.controller}  # fmt: skip
-    depends = f"{[*map(repr, matchups)]} {own} {digest_of('impact_gym', 'agents', 'experiments.report')}"
-    return Study("report", QUESTION, [measurement(matchups, modules)], analyse, PACKAGES, depends)
+    objects = (each.controller.get("object") for comparison in comparisons for each in comparison.baselines)
+    modules = {name.partition(":")[0] for name in objects if name}
+    depends = f"{[*map(repr, comparisons)]} {own} {digest_of('impact_gym', 'agents', 'experiments.report')}"
+    # the last default set-up has the longest cells, so its cells start first
+    cells = [cell for comparison in reversed(comparisons) for cell in episodes.cells_of(comparison)]
+    played = Measurement("episodes", lambda *_: cells, episodes.measured, (*episodes.DEPENDS, *modules))
+    return Study("report", QUESTION, [played], lambda frames, _: page.analyse(comparisons, own, frames), PACKAGES,
+                 depends)  # fmt: skip
 
 
 def write(options: ReportOptions) -> Path:
     """Write the report unless it is up to date, print answers, return the page's path; ValueError: invalid options."""
     own = bool(options.policy) or not all(load_setup(name).shipped for name in options.setups)
-    shared = {name: getattr(options, name) for name in ("out", "force", "processes", "cluster", "results")}
-    return run(study_of(matchups_of(options), own), StudyOptions(**shared), command_of("report", options))
+    return run(study_of(comparisons_of(options), own), options, command_of("report", options))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Ablation: contestants from the paper's rule to the policy, each with more abilities than the contestant before.
 
-The contestants are the paper's rule, the tuned baselines, each with an ability of ABILITIES more, and the policy. A
-gain is the difference in V_p or cost from the contestant before; another order could give other gains.
+The contestants are the paper's rule, the tuned baselines, each with an ability of RULES more, and the policy. A gain
+is the difference in V_p or cost from the contestant before; another order could give other gains.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,23 +13,10 @@ import numpy as np
 
 from agents.baselines import PaperTrapezoid
 from experiments.lab.parts import Table, percent
-from experiments.lab.statistics import Comparison, Estimate, Floats, Front, Resamples, estimate
-from experiments.report.answer import front_of
-from experiments.report.episodes import MISSED_TOO_OFTEN, Played, Results
-from experiments.report.matchups import BOUND, PAPER, POLICY
+from experiments.lab.statistics import Estimate, Floats, Resamples, estimate, velocity_at_time_of
+from experiments.report.comparisons import BOUND, PAPER, POLICY, RULES
+from experiments.report.episodes import MISSED_TOO_OFTEN, ComparisonResults, Results, front_of
 from impact_gym.task import Task
-
-ABILITIES = {  # what the rule of a tuned baseline adds to the rules above it
-    "ConstantSpeed": "the arm's limits",
-    "ConstantDeceleration": "knowing where objects can stand",
-    "BlindProfile": "the profile's shape",
-    "DetectorProfile": "a contact detector",
-    "Ranged": "the estimate",
-    "RangedProfile": "a profile over the estimate",
-    "DetectorRanged": "a contact detector and a profile over the estimate",
-    "FirstReadingProfile": "the first reading of the range sensor",
-    "FilteredProfile": "a filter over all readings",
-}
 
 
 class Link(NamedTuple):
@@ -45,8 +32,14 @@ class Gain:
     """V_p or cost of a contestant, and the gain over the contestant before."""
 
     value: Estimate  # m/s
-    less: Estimate | None  # m/s, the gain; None for the first contestant, or if no gain can be claimed
-    share: Estimate | None  # ratio of the gain to the policy's gain over the rule; None: first contestant, or no claim
+    less: Estimate | None = None  # m/s, the gain; None for the first contestant, or if no gain can be claimed
+    share: Estimate | None = None  # ratio of the gain to the policy's gain over the rule; None as for `less`
+
+    @property
+    def cells(self) -> list[str]:
+        """The texts of the table."""
+        less = "-" if self.less is None else f"{self.less:.3f}"
+        return [f"{self.value.value:.3f}", less, "-" if self.share is None else percent(self.share)]
 
 
 @dataclass(frozen=True)
@@ -62,68 +55,67 @@ class Step:
     loss: Gain  # m/s, V_p + w T + cost of misses
 
 
-def links(played: Played) -> list[Link]:
-    """Return the links: the paper's rule, all tuned baselines in the order of ABILITIES, and the policy.
+def links(results: ComparisonResults) -> list[Link]:
+    """Return the links: the paper's rule, all tuned baselines in the order of RULES, and the policy.
 
     An ability without its own baseline is added together with the next ability. The tuned baseline with the lowest cost
     comes last, so that learning is compared with the best controller that is not learned.
     """
-    task, weight = Task(**played.matchup.environment), played.matchup.typical
+    task, weight = Task(**results.comparison.environment), results.comparison.typical
     given = {"ConstantSpeed", "ConstantDeceleration", "BlindProfile"}  # abilities without sensors
     given |= {"Ranged"} if task.range_noise is not None else {"FirstReadingProfile"} if task.range_sensor else set()
-    tuned = {each.name: each.controller["tuned"]["rule"] for each in played.matchup.baselines
-             if "tuned" in each.controller}  # fmt: skip
+    specs = {each.name: each.controller for each in results.comparison.baselines}
+    tuned = {name: spec["tuned"]["rule"] for name, spec in specs.items() if "tuned" in spec}
     sequence, added = list[Link](), list[str]()
     stronger = task.acceleration_range[1] > PaperTrapezoid()["deceleration"]
-    abilities = ABILITIES | ({} if stronger else {"ConstantSpeed": "the choice of speed"})
-    for rule, words in abilities.items():
-        added += [words] * (rule in given or rule in tuned.values())
+    for rule, (_, words) in RULES.items():
+        if rule in given or rule in tuned.values():
+            added.append(words if stronger or rule != "ConstantSpeed" else "the choice of speed")
         for name in (name for name, kind in tuned.items() if kind == rule):
-            sequence.append(Link(" and ".join(added) or name, name, [played.baselines[name]]))
+            sequence.append(Link(" and ".join(added) or name, name, [results.baselines[name]]))
             added = []
     if sequence and not added:
-        best = min(reversed(sequence), key=lambda link: float(link.runs[0].loss(weight).mean()))
+        best = min(reversed(sequence), key=lambda link: float(link.runs[0][weight].loss(weight).mean()))
         sequence = [link for link in sequence if link is not best] + [best]
-    policy = Link(" and ".join([*added, "learning"]), POLICY, list(played.seeds.values()))
-    return [Link("", PAPER, [played.paper]), *sequence, policy]
+    policy = Link(" and ".join([*added, "learning"]), POLICY, list(results.seeds.values()))
+    return [Link("", PAPER, [results.paper]), *sequence, policy]
 
 
-def steps_of(played: Played) -> list[Step]:
+def steps_of(results: ComparisonResults) -> list[Step]:
     """Return the steps. If a clairvoyant search used the typical weight, it is the last step, on its scenarios."""
-    sequence, weight = links(played), played.matchup.typical
-    steps = _steps(sequence, played.resamples, weight, policy=len(sequence) - 1)
-    if played.searched is None or weight not in played.searched.weights:
+    sequence, weight, searched = links(results), results.comparison.typical, results.bound.get(BOUND)
+    steps = _steps(sequence, results.resamples, weight, policy=len(sequence) - 1)
+    if searched is None or weight not in searched:
         return steps
-    clairvoyant = Link("knowing the object", BOUND, [played.searched])
-    searched = Resamples(played.searched["missed"].shape[1])
-    return [*steps, _steps([sequence[0], sequence[-1], clairvoyant], searched, weight, policy=1)[-1]]
+    compared = [sequence[0], sequence[-1], Link("knowing the object", BOUND, [searched])]
+    return [*steps, _steps(compared, Resamples(len(searched[weight].missed)), weight, policy=1)[-1]]
 
 
 def _steps(sequence: Sequence[Link], resamples: Resamples, weight: float, policy: int) -> list[Step]:
     """Return the steps on the first `resamples.scenarios` scenarios; `policy` is the policy's index in `sequence`."""
-    fronts: list[Front] = [front_of(link.runs, resamples) for link in sequence]
+    fronts = [front_of(link.runs, resamples) for link in sequence]
     time = fronts[0][0][0, 0]  # mean approach time of the paper's rule, s
     later = [float(np.clip(time, times[0].min(), times[0].max()) - time) for times, _ in fronts]
-    missed = max(np.mean([run["missed"] for run in link.runs]) for link in sequence)
+    missed = max(np.mean([run.stacked("missed") for run in link.runs]) for link in sequence)
     claimed = not any(later) and missed <= MISSED_TOO_OFTEN
-    velocities = gains([Comparison.of_fronts(each, fronts[0]).ours for each in fronts], policy, claimed)
-    losses = [np.array([run.loss(weight)[: resamples.scenarios] for run in link.runs]) for link in sequence]
-    of_losses = gains([resamples.means(loss) for loss in losses], policy)
+    velocities = gains([velocity_at_time_of(fronts[0], each) for each in fronts], policy, claimed)
+    costs = [np.array([run[weight].loss(weight)[: resamples.scenarios] for run in link.runs]) for link in sequence]
+    of_costs = gains([resamples.means(cost) for cost in costs], policy)
     return [
-        Step(link.added, link.contestant, resamples.scenarios, delay, velocity, weight, loss)
-        for link, delay, velocity, loss in zip(sequence, later, velocities, of_losses, strict=True)
+        Step(link.added, link.contestant, resamples.scenarios, delay, velocity, weight, cost)
+        for link, delay, velocity, cost in zip(sequence, later, velocities, of_costs, strict=True)
     ]
 
 
 def gains(values: Sequence[Floats], policy: int, claimed: bool = True) -> list[Gain]:
     """Return a gain for each contestant; `values`: V_p or cost of each (m/s), (1 + n,): sample and n resamples."""
-    total = Comparison(values[policy], values[0])
+    total = values[0] - values[policy]
     drops = -np.diff([value[0] for value in values[: policy + 1]])
-    shared = claimed and total.less.low > 0.0 and drops.max() <= drops.sum()
-    steps = [Gain(estimate(values[0]), None, None)]
+    shared = claimed and estimate(total).low > 0.0 and drops.max() <= drops.sum()
+    steps = [Gain(estimate(values[0]))]
     for before, after in pairwise(values):
-        share = estimate((before - after) / (total.theirs - total.ours)) if shared else None
-        steps.append(Gain(estimate(after), Comparison(after, before).less if claimed else None, share))
+        less = estimate(before - after) if claimed else None
+        steps.append(Gain(estimate(after), less, estimate((before - after) / total) if shared else None))
     return steps
 
 
@@ -133,10 +125,10 @@ def table(steps: Sequence[Step], labels: Mapping[str, str]) -> Table:
     for step in steps:
         subset = "" if step.scenarios == steps[0].scenarios else f", the first {step.scenarios} scenarios"
         gap = f" (at the nearest, {1e3 * abs(step.later):.0f} ms {'later' if step.later > 0 else 'sooner'})"
-        cells = [*_cells(step.velocity), *_cells(step.loss)]
-        cells[0] += gap if step.later else ""
+        velocity, *more = *step.velocity.cells, *step.loss.cells
         added = "+ " * bool(step.added) + (step.added or "the paper")
-        body.append((added, labels.get(step.contestant, step.contestant) + subset, *cells))
+        named = labels.get(step.contestant, step.contestant) + subset
+        body.append((added, named, velocity + gap * bool(step.later), *more))
     head = ("what is added", "contestant", "V_p at the paper's approach time (m/s)", "less by (m/s)", "share",
             f"V_p + {steps[0].weight:g} T (m/s)", "less by (m/s)", "share")  # fmt: skip
     caption = ("Each row adds to the row above. Share: part of the difference between the paper's rule and "
@@ -145,13 +137,8 @@ def table(steps: Sequence[Step], labels: Mapping[str, str]) -> Table:
     return Table(caption, head, body)
 
 
-def _cells(gain: Gain) -> list[str]:
-    less = "-" if gain.less is None else f"{gain.less:.3f}"
-    return [f"{gain.value.value:.3f}", less, "-" if gain.share is None else percent(gain.share)]
-
-
-def row(steps: Sequence[Step], played: Played) -> dict[str, str]:
+def row(steps: Sequence[Step], results: ComparisonResults) -> dict[str, str]:
     """Return the row of a set-up in the table of shares, texts by heading."""
     shares = {step.added: percent(step.velocity.share) for step in steps
               if step.velocity.share and step.contestant != BOUND}  # fmt: skip
-    return {"set-up": played.matchup.name} | shares
+    return {"set-up": results.comparison.name} | shares

@@ -4,7 +4,7 @@ import json
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from typing import Any, NamedTuple
+from typing import Any
 
 from markupsafe import Markup
 
@@ -13,9 +13,9 @@ from experiments.lab.parts import Section, Tab, Table, Terms
 from experiments.lab.player import choose, films, fragment
 from experiments.lab.statistics import RESAMPLES
 from experiments.lab.study import Findings, Frames
-from experiments.report import ablation, answer, choice, holds, tables
-from experiments.report.episodes import Played
-from experiments.report.matchups import PAPER, POLICY, Matchup
+from experiments.report import ablation, choice, robustness, summary
+from experiments.report.comparisons import PAPER, POLICY, Comparison
+from experiments.report.episodes import ComparisonResults
 from impact_gym.task import Task
 
 ABOUT = {  # captions of the contestants in the film
@@ -40,86 +40,81 @@ TERMS = Terms({
 })  # fmt: skip
 
 
-class Analysis(NamedTuple):
-    """Results of one matchup."""
+class Analysis:
+    """The results of one comparison, and what the report says of them."""
 
-    played: Played
-    answer: answer.Answer
-    choice: choice.Choice
-    steps: Sequence[ablation.Step]
-    headline: str
-
-
-def _analysis(played: Played) -> Analysis:
-    result, chosen = answer.answer(played), choice.choice(played)
-    short = answer.assisted(played) if played.matchup.operated else answer.sentence(result, played.matchup)
-    return Analysis(played, result, chosen, ablation.steps_of(played), f"{chosen.sentence} {short}")
+    def __init__(self, results: ComparisonResults) -> None:
+        self.results, self.comparison = results, results.comparison
+        self.summary, self.choice = summary.summary(results), choice.choice(results)
+        self.steps = ablation.steps_of(results)
+        operated = self.comparison.operated
+        short = summary.assisted(results) if operated else summary.sentence(self.summary, self.comparison)
+        self.headline = f"{self.choice.sentence} {short}"
 
 
-def analyse(matchups: Sequence[Matchup], own: bool, frames: Frames) -> Findings:
+def analyse(comparisons: Sequence[Comparison], own: bool, frames: Frames) -> Findings:
     """Return the findings of a report; `own`: whether policies or set-ups are the user's."""
-    found = {matchup.name: _analysis(Played.of_rows(matchup, frames["episodes"])) for matchup in matchups}
-    text = "\n".join(f"{name}: {each.headline}" for name, each in found.items())
+    played = (ComparisonResults.of_rows(each, frames["episodes"]) for each in comparisons)
+    found = {results.comparison.name: Analysis(results) for results in played}
+    everyone = {each.name: (*each.seeds, *each.baselines) for each in comparisons}
     numbers = {
         "choices": {name: asdict(each.choice) for name, each in found.items()},
-        "answers": {name: asdict(each.answer) for name, each in found.items()},
+        "answers": {name: asdict(each.summary) for name, each in found.items()},
         "ablations": {name: [asdict(step) for step in each.steps] for name, each in found.items()},
-        "contestants": {
-            matchup.name: {each.name: each.checksum for each in (*matchup.seeds, *matchup.baselines)}
-            for matchup in matchups
-        },
+        "contestants": {name: {each.name: each.checksum for each in group} for name, group in everyone.items()},
     }
+    text = "\n".join(f"{name}: {each.headline}" for name, each in found.items())
     return Findings(text, [_method([*found.values()], own)], {}, [*map(_tab, found.values())], numbers)
 
 
 def _tab(found: Analysis) -> Tab:
-    played, chosen, matchup = found.played, found.choice, found.played.matchup
-    note = [f"{matchup.name}: {matchup.note}."] * bool(matchup.note)
+    results, chosen, comparison = found.results, found.choice, found.comparison
+    note = [f"{comparison.name}: {comparison.note}."] * bool(comparison.note)
     caption = ("Policy and baselines are not trained or tuned again. A stiffer coupling keeps its damping ratio. "
                "Objects outside the training ranges are lighter, stiffer, less elastic and nearer")  # fmt: skip
-    changed, steps = Table.joined(caption, holds.rows(played)), ablation.table(found.steps, matchup.labels)
+    changed, steps = Table.joined(caption, robustness.rows(results)), ablation.table(found.steps, comparison.labels)
     sections = [
-        Section("Choice: which controller to take", [*note, tables.contestants(chosen, played)], key="choice"),
-        *[Section("Ablation: where the gain comes from", [steps], key="ablation")] * (not matchup.operated),
+        Section("Choice: which controller to take", [*note, choice.contestants(chosen, results)], key="choice"),
+        *[Section("Ablation: where the gain comes from", [steps], key="ablation")] * (not comparison.operated),
         Section("Robustness: mean cost (m/s) with one thing changed", [changed], folded=True, key="robustness"),
     ]
     return Tab(
-        matchup.name, matchup.title, found.headline, matchup.note.partition("A QUICK LOOK, ")[2],
-        holds.where_it_fails(played, chosen.controller), tables.trade_off(played),
-        Markup(fragment(watch(played), f"watch-{matchup.name}")), sections,
+        comparison.name, comparison.title, found.headline, comparison.note.partition("A QUICK LOOK, ")[2],
+        robustness.where_it_fails(results, chosen.controller), summary.trade_off(results),
+        Markup(fragment(watch(results), f"watch-{comparison.name}")), sections,
     )  # fmt: skip
 
 
 def _method(found: Sequence[Analysis], own: bool) -> Section:
-    matchups = [each.played.matchup for each in found]
-    alone = [each for each in found if not each.played.matchup.operated]
-    scenarios = "; ".join(dict.fromkeys(_scenarios(matchup.scenarios) for matchup in matchups))
+    comparisons = [each.comparison for each in found]
+    alone = [each for each in found if not each.comparison.operated]
+    scenarios = "; ".join(dict.fromkeys(_scenarios(comparison.scenarios) for comparison in comparisons))
     over = "training seeds and scenarios"
-    if max(len(matchup.seeds) for matchup in matchups) == 1:
+    if max(len(comparison.seeds) for comparison in comparisons) == 1:
         over = "scenarios; they do not include the scatter of trainings, as there is one policy"
     measure = ("" if own else " This measure was fixed before the first results. Earlier versions of these policies "
                "were reported on the same test set; later changes were chosen on the validation set.")  # fmt: skip
     return Section("All set-ups: method", [
         f"All contestants meet the same scenarios: {scenarios}. Intervals are 95 %, of a bootstrap over {over} "
         f"({RESAMPLES:,} resamples). The primary measure is V_p at the paper's mean approach time, interpolated "
-        f"linearly between two time weights of the policy.{measure} {_limits(matchups)}",
+        f"linearly between two time weights of the policy.{measure} {_limits(comparisons)}",
         Table.joined("V_p at the mean time of the paper's rule, against the rule",
-                     [answer.row(each.answer, each.played) for each in alone], "report-answers"),
+                     [summary.row(each.summary, each.results) for each in alone], "report-answers"),
         Table.joined("Share of each step from the rule to the policy in the reduction of V_p; 95 % intervals",
-                     [ablation.row(each.steps, each.played) for each in alone], "report-ablation"),
+                     [ablation.row(each.steps, each.results) for each in alone], "report-ablation"),
         Table.joined("The simplest controller whose cost is not clearly above the lowest, at the typical time weight",
-                     [choice.row(each.choice, each.played) for each in found], "report-choices"),
+                     [choice.row(each.choice, each.results) for each in found], "report-choices"),
         Table.joined("Mean cost (m/s) and missed objects with one thing changed",
-                     [row for each in found for row in holds.rows(each.played)], "report-robustness"),
+                     [row for each in found for row in robustness.rows(each.results)], "report-robustness"),
         Section("Glossary and commands", [TERMS], folded=True),
     ], key="all")  # fmt: skip
 
 
-def _limits(matchups: Sequence[Matchup]) -> str:
+def _limits(comparisons: Sequence[Comparison]) -> str:
     names = defaultdict(list)
-    for matchup in matchups:
-        task = Task(**matchup.environment)
-        names[f"{task.acceleration_range[1]:g} m/s² and {task.velocity_range[1]:g} m/s"].append(matchup.name)
+    for comparison in comparisons:
+        task = Task(**comparison.environment)
+        names[f"{task.acceleration_range[1]:g} m/s² and {task.velocity_range[1]:g} m/s"].append(comparison.name)
     clauses = [f"{limits} ({', '.join(users)})" if len(names) > 1 else limits for limits, users in names.items()]
     return f"Policies and tuned baselines may use up to {'; '.join(clauses)}."
 
@@ -131,17 +126,16 @@ def _scenarios(scenarios: Mapping[str, Any]) -> str:
     return f"{scenarios['count']:,} {source}, with seeds from {scenarios['seed']:,} on"
 
 
-def watch(played: Played) -> dict[str, Any]:
+def watch(results: ComparisonResults) -> dict[str, Any]:
     """Return films of notable scenarios: the paper's rule, and the policy at about the rule's mean approach time."""
-    matchup, as_late = played.matchup, played.as_late[played.matchup.chosen]
-    (weight,) = as_late.weights
-    runs = {PAPER: played.paper.at(weight), POLICY: as_late.at(weight)}
-    frozen, task = frozen_of(matchup.scenarios), Task(**matchup.environment)
-    specs = {PAPER: matchup.baselines[0].controller, POLICY: matchup.policy.controller}
+    comparison = results.comparison
+    ((weight, policy),) = results.at_rule_time[comparison.chosen].items()
+    runs = {PAPER: results.paper[weight], POLICY: policy}
+    frozen, task = frozen_of(comparison.scenarios), Task(**comparison.environment)
+    specs = {PAPER: comparison.baselines[0].controller, POLICY: comparison.policy.controller}
     controllers = {name: controller_of(spec, weight, task) for name, spec in specs.items()}
-    seed = frozen.seed if frozen else matchup.scenarios["seed"]
-    watched = films(controllers, choose(*runs.values()), runs, seed, {**matchup.environment, "time_weight": weight})
-    if not matchup.operated:
-        for run in (run for scene in watched["scenes"] for run in scene["runs"]):
-            run["sentence"] = ABOUT[run["name"]]
+    seed = frozen.seed if frozen else comparison.scenarios["seed"]
+    watched = films(controllers, choose(*runs.values()), runs, seed, {**comparison.environment, "time_weight": weight})
+    for run in (run for scene in watched["scenes"] for run in scene["runs"] if not comparison.operated):
+        run["sentence"] = ABOUT[run["name"]]
     return watched

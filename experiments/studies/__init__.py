@@ -1,6 +1,6 @@
 """Studies of this project. `impact-gym study NAME` runs `STUDY` of the module `experiments.studies.NAME`."""
 
-import importlib
+from pkgutil import resolve_name
 
 from experiments.lab.study import Study
 from impact_gym.support.validation import nearest
@@ -19,5 +19,4 @@ def load(name: str) -> Study:
     """Return the study `name`, a key of QUESTIONS; ValueError: there is none."""
     if name not in QUESTIONS:
         raise ValueError(nearest("study", name, QUESTIONS))
-    study: Study = importlib.import_module(f"experiments.studies.{name}").STUDY
-    return study
+    return resolve_name(f"experiments.studies.{name}:STUDY")

@@ -11,8 +11,8 @@ import polars as pl
 from agents.policies import load_ensemble
 from agents.setups import load_setup
 from experiments.lab import grid
-from experiments.lab.parts import Section, Table
-from experiments.lab.statistics import Comparison, Estimate, Floats, Resamples, estimate
+from experiments.lab.parts import Section, Table, percent
+from experiments.lab.statistics import Floats, Resamples, estimate, reduction
 from experiments.lab.study import Cell, Findings, Frames, Measurement, Study
 from experiments.studies import QUESTIONS
 
@@ -25,38 +25,28 @@ OPERATORS: Mapping[str, Mapping[str, Any]] = {  # no policy was trained with the
     "steady": {"type": "Trapezoid", "speed": [0.1, 0.4]},
 }
 ASSISTANCE = ALONE, RULE, BRAKE, POLICY = "operator alone", "paper's rule", "local brake", "policy"
+BASELINES = {ALONE: "operator-alone", RULE: "paper-trapezoid", BRAKE: "local-brake"}
 MEASURES = ("slide", "cost")
 LABELS = ("coupling", "delay", "operator", "contestant")
 Means = Mapping[tuple[Any, ...], Mapping[str, Floats]]
 """For each combination of LABELS the mean of each of MEASURES, (1 + n,): first of the sample, then of n resamples."""
 
 
-def environment_of(coupling: str, operator: str, delay: float) -> dict[str, Any]:
-    """Return the arguments of the environment; each channel has half of `delay` (s)."""
-    link = {"delay": 0.5 * delay}
-    environment = load_setup(f"teleop-{coupling}").environment
-    return {**environment, "operator": OPERATORS[operator], "uplink": link, "downlink": link}
-
-
-def contestants(setup: str) -> dict[tuple[str, int], dict[str, Any]]:
-    """Return the controller (JSON) of each assistance and seed."""
-    fixed = {ALONE: "operator-alone", RULE: "paper-trapezoid", BRAKE: "local-brake"}
-    policies = {each.seed: base64.b64encode(each.to_bytes()).decode() for each in load_ensemble(setup).policies}
-    return {(name, 0): {"baseline": baseline} for name, baseline in fixed.items()} | {
-        (POLICY, seed): {"policy": content} for seed, content in policies.items()
-    }
-
-
 def assisted(quick: bool, _: Frames) -> Iterator[Cell]:
-    """Yield a cell for each controller (see `contestants`) with each coupling, operator and delay."""
+    """Yield a cell for each assistance, and each seed of the policy, with each coupling, operator and delay."""
     delays, operators = ([TYPICAL], ["steady"]) if quick else (DELAYS, OPERATORS)
     scenarios = {"set": "test", "count": 40 if quick else 500}
-    for coupling, delay, operator in product(COUPLINGS, delays, operators):
-        environment = environment_of(coupling, operator, delay)
-        weights = [load_setup(f"teleop-{coupling}").evaluation.typical]
-        for (name, seed), controller in contestants(f"teleop-{coupling}").items():
-            labels = dict(zip((*LABELS, "seed"), (coupling, delay, operator, name, seed), strict=True))
-            yield grid.cell(labels, controller, environment, scenarios, weights, lenient=True)
+    for coupling in COUPLINGS:
+        setup = load_setup(f"teleop-{coupling}")
+        controllers = {(name, 0): {"baseline": baseline} for name, baseline in BASELINES.items()}
+        for policy in load_ensemble(setup.name).policies:
+            controllers[POLICY, policy.seed] = {"policy": base64.b64encode(policy.to_bytes()).decode()}
+        for delay, operator, (who, seed) in product(delays, operators, controllers):
+            link = {"delay": 0.5 * delay}  # s, of each channel
+            environment = {**setup.environment, "operator": OPERATORS[operator], "uplink": link, "downlink": link}
+            labels = dict(zip((*LABELS, "seed"), (coupling, delay, operator, who, seed), strict=True))
+            weights = [setup.evaluation.typical]
+            yield grid.cell(labels, controllers[who, seed], environment, scenarios, weights, lenient=True)
 
 
 def means_of(episodes: pl.DataFrame) -> Means:
@@ -76,14 +66,12 @@ def over(means: Means, who: str, measure: str, coupling: str, delays: Iterable[f
 
 def slides(means: Means) -> Table:
     """Return the table of slides, and of the policy's cost beside the brake's, for each coupling and delay."""
-    rows = []
-    for coupling in dict.fromkeys(coupling for coupling, *_ in means):
-        delays = sorted({delay for _, delay, *_ in means})
-        for name, some in [*((f"{1e3 * delay:.0f} ms", [delay]) for delay in delays), ("mean of all delays", delays)]:
-            found = [estimate(100.0 * over(means, who, "slide", coupling, some)) for who in ASSISTANCE]
-            costs = Comparison(*(over(means, who, "cost", coupling, some) for who in (POLICY, BRAKE))).reduction
-            cost = Estimate(*(100.0 * each for each in (costs.value, costs.low, costs.high)))
-            rows.append([f"{coupling}, {name}", *(f"{each:.1f}" for each in found), f"{cost:.1f}"])
+    rows, delays = [], sorted({delay for _, delay, *_ in means})
+    shown = {f"{1e3 * delay:.0f} ms": [delay] for delay in delays} | {"mean of all delays": delays}
+    for coupling, (name, some) in product(dict.fromkeys(coupling for coupling, *_ in means), shown.items()):
+        found = [estimate(100.0 * over(means, who, "slide", coupling, some)) for who in ASSISTANCE]
+        less = reduction(*(over(means, who, "cost", coupling, some) for who in (POLICY, BRAKE)))
+        rows.append([f"{coupling}, {name}", *(f"{each:.1f}" for each in found), percent(less).replace(" %", "")])
     caption = "Slide of the object by tool and delay (both ways together), mean over three models of operators"
     head = ("tool, delay", *(f"{who} (cm)" for who in ASSISTANCE), "policy costs less than the brake by (%)")
     return Table(caption, head, rows, "teleop-slides")
@@ -111,19 +99,12 @@ def analyse(frames: Frames, quick: bool) -> Findings:
         f"{episodes['weight'][0]:g} m/s per s. No policy was trained with these operators: a tracker of the displayed "
         "object, a pointing hand, a steady speed."
     )
-    clauses = []
-    for tool, *cells in found.rows:
-        if tool.endswith(f", {1e3 * TYPICAL:.0f} ms"):
-            alone, _, brake, policy, _ = (cell.partition(" [")[0] for cell in cells)
-            clauses.append(f"{tool}: {alone} cm alone, {brake} with the brake, {policy} with the policy")
+    short = ([cell.partition(" [")[0] for cell in row] for row in found.rows)
+    clauses = [f"{tool}: {alone} cm alone, {brake} with the brake, {policy} with the policy"
+               for tool, alone, _, brake, policy, _ in short if tool.endswith(f", {1e3 * TYPICAL:.0f} ms")]  # fmt: skip
     answer = f"Slide of the object, mean over the operators: {'; '.join(clauses)}."
     return Findings(answer, [Section("Slides", [text, found, by_operator(means)])])
 
 
 PLAYED = (*grid.PLAYED, "agents.setups", "impact_gym.teleop")
-STUDY = Study(
-    "teleop",
-    QUESTIONS["teleop"],
-    (Measurement("episodes", assisted, grid.play, PLAYED),),
-    analyse,
-)
+STUDY = Study("teleop", QUESTIONS["teleop"], [Measurement("episodes", assisted, grid.play, PLAYED)], analyse)

@@ -20,7 +20,7 @@ from agents.train.__main__ import TrainOptions
 from agents.tune import Tune
 from experiments import command, policies
 from experiments.controller import copy_setup
-from experiments.lab.study import StudyOptions, last_run
+from experiments.lab.study import last_run
 from experiments.studies import QUESTIONS
 from experiments.studies.__main__ import StudyCommand
 from impact_gym.support.command_line import command_line, command_of, read_command
@@ -81,7 +81,7 @@ def test_command_names_the_packages_it_lacks(exit_of, monkeypatch):
 @pytest.mark.parametrize(("name", "options"), [
     ("tune", Tune(("linear-blind",), names=("blind-profile",), weights=(0.5, 2.0), budget=8, bound=True)),
     ("train", TrainOptions("rigid-blind", Training(width=24), seeds=2, cluster="ray", out=Path("a b"))),
-    ("study", StudyCommand("speed", StudyOptions(Path("out"), quick=True, only=("cost",), processes=1))),
+    ("study", StudyCommand(Path("out"), name="speed", quick=True, only=("cost",), processes=1)),
 ], ids=["tune", "train", "study"])  # fmt: skip
 def test_command_of_options_is_read_into_the_same_options(name, options):
     words = shlex.split(command_of(name, options))

@@ -16,9 +16,9 @@ from agents import load_policy
 from agents.baselines import PaperTrapezoid
 from agents.evaluate.scenario_batch import RESULTS, ScenarioBatch
 from agents.setups import load_baseline
-from experiments.lab.study import MARK, StudyOptions, last_run, run
-from experiments.report.__main__ import ReportOptions, matchups_of, study_of
-from experiments.report.matchups import BOUND, PAPER
+from experiments.lab.study import LOCK_FILE, StudyOptions, last_run, run
+from experiments.report.__main__ import ReportOptions, comparisons_of, study_of
+from experiments.report.comparisons import BOUND, PAPER
 from impact_gym.support.files import UNFINISHED
 from impact_gym.task import Task, evaluation_sets
 from impact_gym.task.scenario import FIELDS
@@ -36,17 +36,17 @@ TOLERANCE_OF_THREE = 7.656  # one-sided 95/95 factor (M. G. Natrella, NBS Handbo
 def folder(tmp_path_factory):
     """A report of a shipped set-up and of a user's policy with a baseline, scenarios and a tool of their own."""
     base = tmp_path_factory.mktemp("report")
-    (linear,) = matchups_of(ReportOptions(("linear-blind",), count=COUNT))
+    (linear,) = comparisons_of(ReportOptions(setups=("linear-blind",), count=COUNT))
     seeds = tuple(replace(seed, weights=(0.7, 1.0, 2.0, 4.0)) for seed in linear.seeds if seed.name in SEEDS)
     evaluation = replace(linear.evaluation, varied={"tool_mass": {"times": [0.7, 1.0]}, "scenario": ["hard"]})
     load_policy("linear-blind").save(base / "mine.npz")
     (base / "mine.json").write_text(json.dumps({"ranges": RANGES, "seed": 5, "count": 6, "environment": TOOL}))
     files = {"policy": (str(base / "mine.npz"),), "scenarios": str(base / "mine.json")}
-    (own,) = matchups_of(ReportOptions(**files, baseline=(OWN,)))
+    (own,) = comparisons_of(ReportOptions(**files, baseline=(OWN,)))
     own = replace(own, evaluation=replace(own.evaluation, varied={}))
     out = base / "latest"
     (out / "figures").mkdir(parents=True)
-    for name in (MARK, "letter", "figures/old.svg", f"figures/.x.1{UNFINISHED}", "index.html", "episodes.csv"):
+    for name in (LOCK_FILE, "letter", "figures/old.svg", f"figures/.x.1{UNFINISHED}", "index.html", "episodes.csv"):
         (out / name).write_text("earlier")
     for name in ("index.html", "episodes.csv"):
         os.link(out / name, base / name)
@@ -62,8 +62,8 @@ def results(folder):
     return last_run(folder)["numbers"]
 
 
-def rows_of(folder, matchup):
-    return pl.read_csv(folder / "episodes.csv", infer_schema_length=None).filter(matchup=matchup)
+def rows_of(folder, comparison):
+    return pl.read_csv(folder / "episodes.csv", infer_schema_length=None).filter(comparison=comparison)
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +72,8 @@ def episodes(folder):
     shaped = {}
     for (part, name), rows in rows_of(folder, "linear-blind").sort("weight", "episode").group_by("part", "contestant"):
         if part != "varied":
-            shape, key = (rows["weight"].n_unique(), -1), (part, name) if part in ("as_late", "choosing") else name
+            shape = (rows["weight"].n_unique(), -1)
+            key = (part, name) if part in ("at_rule_time", "selection") else name
             shaped[key] = {each: rows[each].to_numpy().reshape(shape) for each in ("weight", *FIELDS, *RESULTS)}
     return shaped
 
@@ -172,7 +173,7 @@ def tables_of(folder, tab):
 
 def test_tables_follow_from_the_episodes(folder, episodes):
     measures, *_ = tables_of(folder, "linear-blind")
-    for row, rows in ((measures[0], episodes[PAPER]), (measures[-1], episodes["as_late", MEDIAN])):
+    for row, rows in ((measures[0], episodes[PAPER]), (measures[-1], episodes["at_rule_time", MEDIAN])):
         peak, velocity = rows["peak_force"][0], rows["object_velocity"][0]
         assert row["T (s)"] == f"{rows['approach_time'].mean():.4f}"
         assert row["Vp (m/s)"].startswith(f"{velocity.mean():.3f} [")
@@ -196,7 +197,7 @@ def test_robustness_is_of_the_changed_environment(folder, place, task, name):
 def test_files_of_earlier_reports_are_replaced(folder):
     of_page = {path.name for path in (folder / "figures").iterdir()}
     assert of_page == {"linear-blind_answer.svg", "mine_answer.svg"}
-    assert {path.name for path in folder.iterdir()} >= {"letter", MARK}
+    assert {path.name for path in folder.iterdir()} >= {"letter", LOCK_FILE}
     for name in ("index.html", "episodes.csv"):  # replaced, not overwritten
         assert (folder.parent / name).read_text() == "earlier"
     others = [path.stat().st_mtime_ns for path in folder.rglob("*") if path.name != "results.json"]

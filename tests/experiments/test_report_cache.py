@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from made_up_matchup import played
+from made_up_comparison import played
 from own_set_up import change
 from refusal import refused
 
@@ -19,15 +19,15 @@ from experiments.controller import ControllerOptions, copy_setup, exporting, sta
 from experiments.lab import study
 from experiments.lab.parts import Section
 from experiments.report import __main__ as report
-from experiments.report import episodes, matchups, page
-from experiments.report.matchups import PAPER, Contestant
+from experiments.report import comparisons, episodes, page
+from experiments.report.comparisons import PAPER, Contestant
 from impact_gym.support import provenance
 from impact_gym.support.files import locked
 
 ROOT = Path(__file__).parents[2]
 EPISODES = ("agents/evaluate/play.py", "agents/baselines/profile.py", "agents/policies/networks.py", "mine.py",
             "impact_gym/task/task.py", "experiments/report/episodes.py", "experiments/lab/grid.py")  # fmt: skip
-PAGE = ("experiments/report/tables.py", "experiments/lab/statistics.py", "agents/setups/linear-blind.toml")
+PAGE = ("experiments/report/choice.py", "experiments/lab/statistics.py", "agents/setups/linear-blind.toml")
 
 
 @pytest.fixture
@@ -49,12 +49,12 @@ def source(tmp_path, monkeypatch):
 @pytest.fixture
 def made(source, tmp_path, monkeypatch):
     """A function that writes a report without playing: folder and digest of the episodes; None if it is up to date."""
-    asked, usual = [], replace(played().matchup, scenarios={"set": "test", "count": 9})
+    asked, usual = [], replace(played().comparison, scenarios={"set": "test", "count": 9})
     own = Contestant("mine:rule", {"object": "mine:rule"}, (2.0,), "")
     usual = replace(usual, baselines=(*usual.baselines, own))
 
     def cached(_, arguments, folder, *, depends, **__):
-        refused(lambda: locked(tmp_path / "out" / study.MARK, wait=False).__enter__(), "is being written")
+        refused(lambda: locked(tmp_path / "out" / study.LOCK_FILE, wait=False).__enter__(), "is being written")
         folder.mkdir(parents=True, exist_ok=True)
         asked.append((folder, depends))
         return [[{"episode": 0}]] * len(arguments)
@@ -65,7 +65,7 @@ def made(source, tmp_path, monkeypatch):
     def made(changes=None, own=False, **options):
         asked.clear()
         what = report.study_of([replace(usual, **(changes or {}))], own)
-        study.run(what, study.StudyOptions(tmp_path / "out", **options))
+        study.run(what, study.StudyOptions(tmp_path / "out", **options), "")
         return asked[0] if asked else None
 
     monkeypatch.setattr(page, "analyse", analyse)
@@ -100,14 +100,14 @@ def test_report_is_made_anew_where_its_sources_changed(made, source, monkeypatch
 
 
 @pytest.mark.filterwarnings("ignore:the policy was trained for another environment")  # once in a process
-def test_weight_as_late_gives_the_rules_mean_time():
+def test_weight_at_rule_time_gives_the_rules_mean_time():
     """Where the weight is found it is met and not exceeded; in other scenarios, nearly."""
     arm = {"velocity_range": [-0.2, 1.2], "acceleration_range": [1.0, 10.0]}
     scenarios = {"set": "test", "count": 200}
-    elsewhere = episodes.choosing_scenarios(scenarios, episodes.CALIBRATION_SCENARIOS)
-    policy, rule = matchups.of_setup(load_setup("linear-blind"), scenarios).policy, {"baseline": "paper-trapezoid"}
+    elsewhere = episodes.selection_scenarios(scenarios, episodes.CALIBRATION_SCENARIOS)
+    policy, rule = comparisons.of_setup(load_setup("linear-blind"), scenarios).policy, {"baseline": "paper-trapezoid"}
     assert (policy.weights[0], policy.weights[-1]) == load_setup("linear-blind").training.time_weight
-    weight = episodes.weight_as_late(policy.controller, arm, scenarios, policy.weights)
+    weight = episodes.weight_at_rule_time(policy.controller, arm, scenarios, policy.weights)
     ours, late = (play(policy.controller, each, [weight], arm) for each in (elsewhere, scenarios))
     chosen, other = (play(rule, each, environment=arm) for each in (elsewhere, scenarios))
     assert ours["approach_time"].mean() == pytest.approx(chosen["approach_time"].mean(), abs=1e-3)

@@ -5,7 +5,7 @@ from dataclasses import astuple, replace
 import numpy as np
 import polars as pl
 import pytest
-from made_up_matchup import COUNT, PAPER_TIME, SPEEDS, played, run
+from made_up_comparison import COUNT, PAPER_TIME, SPEEDS, played, run
 from matplotlib.figure import Figure
 
 from agents import load_setup
@@ -14,11 +14,11 @@ from agents.setups.evaluation import Evaluation
 from experiments.lab import charts, grid
 from experiments.lab.page import typeset
 from experiments.lab.parts import percent
-from experiments.lab.statistics import Comparison, Estimate, Resamples, along, estimate, tolerated
+from experiments.lab.statistics import Estimate, Resamples, along, estimate, reduction, tolerated
 from experiments.lab.study import frame_of
-from experiments.report import answer, changes, choice, episodes, holds, tables
+from experiments.report import choice, episodes, robustness, summary
 from experiments.report.ablation import links, steps_of, table
-from experiments.report.matchups import PAPER, POLICY, Contestant, quick_look_note
+from experiments.report.comparisons import BOUND, PAPER, POLICY, Contestant, quick_look_note
 from impact_gym.render import palette
 
 
@@ -38,9 +38,9 @@ def test_resamples_vary_with_seeds_and_scenarios(of_seeds, of_scenarios, scenari
 
 def test_comparison_cancels_what_is_shared():
     hard = np.random.default_rng(2).uniform(1.0, 10.0, 500)
-    recipe = Comparison.of_means(np.tile(0.4 * hard, (7, 1)), hard)
-    assert astuple(recipe.reduction) == pytest.approx((0.6, 0.6, 0.6))
-    assert astuple(Comparison.of_means(hard - 0.25, hard).less) == pytest.approx((0.25, 0.25, 0.25))
+    recipe, same, less = map(Resamples(500).means, (np.tile(0.4 * hard, (7, 1)), hard, hard - 0.25))
+    assert astuple(reduction(recipe, same)) == pytest.approx((0.6, 0.6, 0.6))
+    assert astuple(estimate(same - less)) == pytest.approx((0.25, 0.25, 0.25))
 
 
 def test_estimates_and_curves_are_read_as_by_hand():
@@ -78,21 +78,22 @@ def test_texts_and_charts_are_typeset(tmp_path):
 
 
 def said(results):
-    """Return the answer and its sentence."""
-    result = answer.answer(results)
-    return result, answer.sentence(result, results.matchup)
+    return (result := summary.summary(results)), summary.sentence(result, results.comparison)
 
 
 def test_rule_alone_is_its_own_main_baseline():
     results = played((), varied={"tool_mass": [0.125, 0.2]})
     change(results, lambda _: {"episode": [0], "cost": [1.0], "missed": [False]})
-    assert answer.row(answer.answer(results), results)["V_p lower with the main baseline by"] == "-"
-    assert {(row["rule"], row["main baseline"]) for row in holds.rows(results)} == {("1.000", "1.000")}
+    assert summary.row(summary.summary(results), results)["V_p lower with the main baseline by"] == "-"
+    assert {(row["rule"], row["main baseline"]) for row in robustness.rows(results)} == {("1.000", "1.000")}
 
 
-def test_compared_weights_are_those_of_evaluation_and_policy():
-    for given, compared in (((2.0, 9.0), (2.0,)), ((9.0,), (1.0, 2.0))):  # the policy plays at 1 and 2
-        assert replace(played().matchup, evaluation=Evaluation(weights=given)).weights == compared
+def test_baselines_are_compared_at_weights_of_evaluation_and_policy():
+    toy = replace(played(("profile",)).comparison, scenarios={"set": "test", "count": 9})
+    toy = replace(toy, baselines=(toy.baselines[0], replace(toy.rival, weights=(2.0, 3.0))))
+    for given, compared in (((2.0, 9.0), [2.0, 3.0]), ((9.0,), [1.0, 2.0, 3.0])):  # the policy plays at 1 and 2
+        cells = episodes.cells_of(replace(toy, evaluation=Evaluation(weights=given)))
+        assert [cell.arguments["weights"] for cell in cells if cell.labels["part"] == "baselines"] == [[2.0], compared]
 
 
 @pytest.mark.parametrize(("steps", "budget", "said"), [(1.0, 1.0, 0), (0.5, 1.0, 1), (1.0, 0.5, 1), (0.5, 0.5, 2)])
@@ -109,8 +110,8 @@ def test_shorter_training_or_tuning_is_called_a_quick_look(steps, budget, said):
 def test_of_equals_the_simplest_is_taken():
     results = played(("profile", "constant", "local-brake"))
     own = Contestant("own", {"object": "mine:own"}, (2.0,), "")
-    matchup = replace(results.matchup, baselines=(own, *results.matchup.baselines))
-    names = [each.name for each in choice.simplest_first(matchup)]
+    comparison = replace(results.comparison, baselines=(own, *results.comparison.baselines))
+    names = [each.name for each in choice.simplest_first(comparison)]
     assert names == [PAPER, "local-brake", "constant", "profile", "own", "seed-0"]
     noise = np.random.default_rng(1).normal(0.0, 0.1, 400)
     for gain, name in ((0.0, "profile"), (0.005, "profile"), (0.03, "policy")):  # m/s; standard error 0.1 / 20 m/s
@@ -120,39 +121,38 @@ def test_of_equals_the_simplest_is_taken():
 
 def test_choice_is_made_elsewhere_and_judged_here():
     results = played()
-    results.choosing["constant"] = run((0.1, 0.1), missed=COUNT)  # a miss costs 2 m/s
+    results.selection["constant"] = run((0.1, 0.1), missed=COUNT)  # a miss costs 2 m/s
     results.seeds["seed-0"] = run((0.2, 0.4), missed=3)
     ours, rival = 0.4 * SPEEDS.mean() + 0.4 + 2.0 * 3 / COUNT, 0.6 * SPEEDS.mean() + 0.4  # at w = 2, after 0.2 s
-    matchup = replace(results.matchup, scenarios={"set": "test", "count": 9})
-    asked = {cell.labels["part"]: cell.arguments["scenarios"] for cell in episodes.cells_of(matchup)}
-    assert asked["seeds"] == asked["baselines"] == matchup.scenarios
-    assert {**asked["choosing"], "ranges": 0} == {"ranges": 0, "seed": 60_000_000, "count": 2000}
+    comparison = replace(results.comparison, scenarios={"set": "test", "count": 9})
+    asked = {cell.labels["part"]: cell.arguments["scenarios"] for cell in episodes.cells_of(comparison)}
+    assert asked["seeds"] == asked["baselines"] == comparison.scenarios
+    assert {**asked["selection"], "ranges": 0} == {"ranges": 0, "seed": 60_000_000, "count": 2000}
     of_ranges = {"ranges": pairs("test"), "seed": 5, "count": 9}
-    assert episodes.choosing_scenarios(of_ranges)["seed"] >= 5 + 9  # no scenario is drawn twice
+    assert episodes.selection_scenarios(of_ranges)["seed"] >= 5 + 9  # no scenario is drawn twice
     found = choice.choice(results)
     assert (found.controller, found.time_weight, found.missed) == ("seed-0", 2.0, 3)
     assert (found.cost.value, found.above["profile"].value) == pytest.approx((ours, rival / ours - 1.0))
-    *others, (_, cost, best, time, velocity, *_, missed), late = tables.contestants(found, results).rows
+    *others, (_, cost, best, time, velocity, *_, missed), late = choice.contestants(found, results).rows
     assert (best, time, missed) == ("best choice", "0.2000", "3")
     assert (cost[:6], velocity[:5]) == (f"{ours:.4f}", f"{0.4 * SPEEDS[3:].mean():.3f}")
     assert "best choice" not in str((others, late))
-    results.choosing["seed-0"] = results.choosing["profile"]  # no better where the choice is made
+    results.selection["seed-0"] = results.selection["profile"]  # no better where the choice is made
     assert choice.choice(results).controller == "profile"
-    results.choosing = dict.fromkeys(results.choosing, results.paper)
+    results.selection = dict.fromkeys(results.selection, results.paper)
     assert choice.choice(results).controller == PAPER
 
 
 @pytest.mark.parametrize(("off", "words"), [
-    (-1.0, "more"), (1.0, "less here"), (-0.001, "does not differ clearly"),
+    (-1.0, "more"), (1.0, "less here"), (-0.001, "no significant difference"),
 ])  # fmt: skip
 def test_difference_is_claimed_only_beyond_its_interval(off, words):
     """The learned policy was taken; here it costs `off` m/s more than all others, with a standard error of 0.04 m/s."""
     results = played()
     for name, each in results.baselines.items():
-        results.baselines[name] = run((2.0,) * len(each.weights), (0.2,) * len(each.weights), each.weights)
-    policy = run((2.0, 2.0), (0.2, 0.2))
-    policy.arrays["object_velocity"] += np.tile([-0.3, 0.3], COUNT // 2) + off
-    results.seeds["seed-0"] = policy
+        results.baselines[name] = run((2.0,) * len(each), (0.2,) * len(each), each)
+    results.seeds["seed-0"] = policy = run((2.0, 2.0), (0.2, 0.2))
+    policy[2.0].object_velocity[:] += np.tile([-0.3, 0.3], COUNT // 2) + off
     found = choice.choice(results)
     _, of_rule, of_rival = found.sentence.split("; ")
     assert found.controller == "seed-0"
@@ -183,12 +183,12 @@ def test_answer_says_what_a_curve_does_not_reach(shares, times, numbers):
 
 def test_a_missed_object_is_not_counted_as_slow():
     results, missing = played(), np.arange(COUNT) % 2 == 1
-    policy = results.seeds["seed-0"]
-    policy["missed"][:], policy["object_velocity"][:, missing] = missing, 0.0
+    for each in results.policy.values():
+        each.missed[:], each.object_velocity[missing] = missing, 0.0
     touched = SPEEDS[~missing].mean()
-    assert [policy.means(weight)["V"] for weight in (1.0, 2.0)] == pytest.approx([0.2 * touched, 0.4 * touched])
-    assert answer.answer(results).velocity.value == pytest.approx(0.3 * touched)
-    policy_at_two = tables.contestants(choice.choice(results), results).rows[-2]
+    assert [results.policy.means(weight)["V"] for weight in (1.0, 2.0)] == pytest.approx([0.2 * touched, 0.4 * touched])
+    assert summary.summary(results).velocity.value == pytest.approx(0.3 * touched)
+    policy_at_two = choice.contestants(choice.choice(results), results).rows[-2]
     assert policy_at_two[4].startswith(f"{0.4 * touched:.3f} [")
 
 
@@ -211,7 +211,7 @@ def test_bound_of_trainings_needs_a_gain_at_the_rules_time():
 
 
 def test_chart_has_times_below_and_speeds_beside():
-    (axes,) = tables.trade_off(played()).figure.axes
+    (axes,) = summary.trade_off(played()).figure.axes
     assert ("time" in axes.get_xlabel(), "V_p" in axes.get_ylabel()) == (True, True)
     points, mean = {line.get_label(): line.get_xydata() for line in axes.lines}, SPEEDS.mean()
     assert points[PAPER] == pytest.approx(np.array([[PAPER_TIME, mean]]))
@@ -220,8 +220,8 @@ def test_chart_has_times_below_and_speeds_beside():
 
 def change(results, columns):
     """Fill `results.varied`; `columns` returns the columns of a contestant's rows under a change from their labels."""
-    matchup = replace(results.matchup, scenarios={"set": "test", "count": 100})
-    cells = (cell.labels for cell in episodes.cells_of(matchup) if cell.labels["part"] == "varied")
+    comparison = replace(results.comparison, scenarios={"set": "test", "count": 100})
+    cells = (cell.labels for cell in episodes.cells_of(comparison) if cell.labels["part"] == "varied")
     results.varied = frame_of((labels, pl.DataFrame(columns(labels))) for labels in cells)
 
 
@@ -249,11 +249,11 @@ def test_failure_needs_two_standard_errors_or_two_misses(surplus, missed, facts)
         return rows | {"missed": missing, "cost": velocity + 2.0 * missing}
 
     change(results, columns)
-    _, worst, details = holds.where_it_fails(results, "seed-0")
+    _, worst, details = robustness.where_it_fails(results, "seed-0")
     assert [fact for fact in facts if fact not in worst] == []
     assert ("Worse than" in details, "misses 2 of 100" in details) == (surplus > 1.0, missed == 2)
-    cost = f"{0.5 + 0.02 * missed:.3f}"  # a miss costs 2 m/s
-    assert [*holds.rows(results)[-1].values()] == ["toy, tool mass: 0.3 kg", "9.000", "1.000", cost, f"{missed} of 100"]
+    expected = ["toy, tool mass: 0.3 kg", "9.000", "1.000", f"{0.5 + 0.02 * missed:.3f}", f"{missed} of 100"]
+    assert [*robustness.rows(results)[-1].values()] == expected  # a miss costs 2 m/s
 
 
 def test_worst_change_comes_first_and_misses_count_by_share():
@@ -268,11 +268,11 @@ def test_worst_change_comes_first_and_misses_count_by_share():
         return rows | {"missed": (place < missing.get(setting, 0)) & ours}
 
     change(results, columns)
-    _, worst, details = holds.where_it_fails(results, "seed-0")
+    _, worst, details = robustness.where_it_fails(results, "seed-0")
     assert worst.startswith("tool mass. At 0.2 kg it is worse than the ")
     assert worst.endswith("it misses 3 of 50 objects.")
     assert "3 N" not in worst
-    assert 0 < details.index(changes.factor("alarm_threshold")) < details.index("tool mass")
+    assert 0 < details.index(episodes.factor("alarm_threshold")) < details.index("tool mass")
 
 
 @pytest.mark.parametrize(("policy", "profile", "share", "gap"), [
@@ -286,7 +286,7 @@ def test_worst_change_comes_first_and_misses_count_by_share():
 def test_steps_claim_only_what_is_read_at_the_rules_time(policy, profile, share, gap):
     results = played()
     results.seeds["seed-0"], results.baselines["profile"] = policy, profile
-    results.bound = {"search": run((0.1, 0.1), weights=(7.0, 8.0))}  # not searched at the typical weight, so no step
+    results.bound = {BOUND: run((0.1, 0.1), weights=(7.0, 8.0))}  # not searched at the typical weight, so no step
     first, *steps = steps_of(results)
     assert gap in table([first, *steps], {}).rows[2][2]
     shares, less = [step.velocity.share for step in steps], [step.velocity.less for step in steps]
@@ -294,7 +294,7 @@ def test_steps_claim_only_what_is_read_at_the_rules_time(policy, profile, share,
         assert shares == [None] * 3
     else:
         assert astuple(shares[-1]) == pytest.approx((share,) * 3)
-    assert (less == [None] * 3) == (any(step.later for step in steps) or policy["missed"].any())
+    assert (less == [None] * 3) == (any(step.later for step in steps) or policy.stacked("missed").any())
 
 
 def test_links_join_the_next_step_without_a_baseline():

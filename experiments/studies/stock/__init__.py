@@ -83,10 +83,8 @@ def trained(algorithm: str, setup: str, seed: int, settings: dict[str, Any]) -> 
         paused = time.process_time()
         seconds = paused - begun - evaluations
         if ended or any(mark <= seconds for mark in MARKS[len(rows) :]):
-            mark = "end" if ended else f"{MARKS[len(rows)]} s"
-            rows.append(
-                {"mark": mark, "seconds": seconds, "steps": model.num_timesteps, "cost": cost_of(player, setup)}
-            )
+            mark, steps = "end" if ended else f"{MARKS[len(rows)]} s", model.num_timesteps
+            rows.append({"mark": mark, "seconds": seconds, "steps": steps, "cost": cost_of(player, setup)})
             evaluations += time.process_time() - paused
         return True  # the training goes on
 
@@ -107,47 +105,35 @@ def analyse(frames: Frames, _: bool) -> Findings:
     frame = pl.concat([frames[algorithm] for algorithm in ALGORITHMS], how="diagonal_relaxed")
     groups, cost = frame.group_by("setup", "algorithm", "mark", maintain_order=True), pl.col("cost")
     found = groups.agg(pl.median("seconds"), median=cost.median(), low=cost.min(), high=cost.max(), count=pl.len())
-    ends = {(row["setup"], row["algorithm"]): row for row in found.filter(mark="end").iter_rows(named=True)}
+    ends = {(row["setup"], row["algorithm"]): row for row in found.filter(mark="end").to_dicts()}
     text = {  # without the marks before which some trainings had ended
-        (setup, algorithm, mark): f"{median:.3f} [{low:.3f}, {high:.3f}]"
-        for setup, algorithm, mark, _, median, low, high, count in found.iter_rows()
-        if count == ends[setup, algorithm]["count"]
-    }
-    names, marks = list(dict.fromkeys(frame["algorithm"])), (*(f"{mark} s" for mark in MARKS), "end")
-    rows = []
-    for name in names:
-        end, cells = ends[FIRST, name], (text.get((FIRST, name, mark), "-") for mark in marks)
-        rows.append([LABELS[name], *cells, f"{end['seconds']:.0f}", f"{end['count']}"])
-    head = ("algorithm", *(f"{mark} (m/s)" for mark in marks), "processor time to the end (s)", "trainings")
+        (row["setup"], row["algorithm"], row["mark"]): "{median:.3f} [{low:.3f}, {high:.3f}]".format(**row)
+        for row in found.to_dicts() if row["count"] == ends[row["setup"], row["algorithm"]]["count"]
+    }  # fmt: skip
+    first = {name: end for (setup, name), end in ends.items() if setup == FIRST}
+    marks, compared = [*(f"{mark} s" for mark in MARKS), "end"], frames["others"].rows_by_key("setup", unique=True)
     caption = (f"Cost V_p + {WEIGHT:g} T in {SETUPS[FIRST]} over the processor time of the training: median [least, "
                "largest] of the trainings; -: some had ended before")  # fmt: skip
-    costs = Table(caption, head, rows, "stock-costs")
-    compared = {setup: values for setup, *values in frames["others"].select("setup", *COMPARED).iter_rows()}
-    rows = [[SETUPS[setup], *(text[setup, name, "end"] for name in names), *(f"{value:.3f}" for value in values)]
-            for setup, values in compared.items()]  # fmt: skip
-    head = ("environment", *(f"{name} (m/s)" for name in (*map(LABELS.get, names), *COMPARED)))
-    caption = "Cost at the end of the trainings, median [least, largest], beside other controllers"
-    others = Table(caption, head, rows, "stock-others")
-    best = min(names, key=lambda name: ends[FIRST, name]["median"])
-    lines = dict(zip(COMPARED, compared[FIRST], strict=True))
-    answer = (f"{LABELS[best]} has the lowest median cost at the end of the training, {ends[FIRST, best]['median']:.3f}"
-              f" m/s; {', '.join(f'{name}: {value:.3f} m/s' for name, value in lines.items())}.")  # fmt: skip
+    costs = Table.joined(caption, [
+        {"algorithm": LABELS[name]} | {f"{mark} (m/s)": text.get((FIRST, name, mark), "-") for mark in marks}
+        | {"processor time to the end (s)": f"{end['seconds']:.0f}", "trainings": f"{end['count']}"}
+        for name, end in first.items()
+    ], "stock-costs")  # fmt: skip
+    others = Table.joined("Cost at the end of the trainings, median [least, largest], beside other controllers", [
+        {"environment": SETUPS[setup]} | {f"{LABELS[name]} (m/s)": text[setup, name, "end"] for name in first}
+        | {f"{name} (m/s)": f"{cost:.3f}" for name, cost in zip(COMPARED, values, strict=True)}
+        for setup, values in compared.items()
+    ], "stock-others")  # fmt: skip
+    best = min(first, key=lambda name: first[name]["median"])
+    beside = ", ".join(f"{name}: {cost:.3f} m/s" for name, cost in zip(COMPARED, compared[FIRST], strict=True))
+    answer = (f"{LABELS[best]} has the lowest median cost at the end of the training, {first[best]['median']:.3f} m/s; "
+              f"{beside}.")  # fmt: skip
     return Findings(answer, [Section("Trainings", [costs]), Section("All environments", [others])])
 
 
 DEPENDS = ("impact_gym", "agents.evaluate", "agents.baselines", "agents.policies", "agents.setups", "agents.tuned")
-STUDY = Study(
-    "stock",
-    QUESTIONS["stock"],
-    (
-        *(Measurement(each, partial(trainings, each), trained, DEPENDS) for each in ALGORITHMS),
-        Measurement(
-            "others",
-            lambda *_: [Cell(each, each) for each in ({"setup": name} for name in SETUPS)],
-            other_costs,
-            DEPENDS,
-        ),
-    ),
-    analyse,
-    packages=("torch", "stable-baselines3", "sb3-contrib"),
+OTHERS = Measurement(
+    "others", lambda *_: [Cell({"setup": name}, {"setup": name}) for name in SETUPS], other_costs, DEPENDS
 )
+TRAININGS = [Measurement(each, partial(trainings, each), trained, DEPENDS) for each in ALGORITHMS]
+STUDY = Study("stock", QUESTIONS["stock"], [*TRAININGS, OTHERS], analyse, ("torch", "stable-baselines3", "sb3-contrib"))

@@ -1,4 +1,4 @@
-"""Matchups: the policies of a set-up, one for each training seed, and the baselines that play the same scenarios."""
+"""Comparisons: the policies of a set-up, one for each training seed, and the baselines that play the same scenarios."""
 
 import base64
 import hashlib
@@ -27,19 +27,18 @@ PAPER = "paper's rule"
 RULE = "paper-trapezoid"  # name of the paper's rule among the baselines
 POLICY = "learned policy"
 BOUND = "clairvoyant search"
-PLAIN = {  # names for readers, by the class of a tuned baseline or the name of a fixed baseline
-    "BlindProfile": "tuned profile",
-    "ConstantDeceleration": "tuned even braking",
-    "ConstantSpeed": "tuned constant speed",
-    "DetectorProfile": "tuned profile with a detector",
-    "DetectorRanged": "tuned profile over the estimate with a detector",
-    "FilteredProfile": "tuned profile over filtered readings",
-    "FirstReadingProfile": "tuned profile over the first reading",
-    "Ranged": "tuned braking towards the estimate",
-    "RangedProfile": "tuned profile over the estimate",
-    "local-brake": "local brake",
-    "operator-alone": "operator alone",
-}
+RULES = {  # for the class of a tuned baseline its name for readers, and what it adds to the rules above it
+    "ConstantSpeed": ("tuned constant speed", "the arm's limits"),
+    "ConstantDeceleration": ("tuned even braking", "knowing where objects can stand"),
+    "BlindProfile": ("tuned profile", "the profile's shape"),
+    "DetectorProfile": ("tuned profile with a detector", "a contact detector"),
+    "Ranged": ("tuned braking towards the estimate", "the estimate"),
+    "RangedProfile": ("tuned profile over the estimate", "a profile over the estimate"),
+    "DetectorRanged": ("tuned profile over the estimate with a detector",
+                       "a contact detector and a profile over the estimate"),
+    "FirstReadingProfile": ("tuned profile over the first reading", "the first reading of the range sensor"),
+    "FilteredProfile": ("tuned profile over filtered readings", "a filter over all readings"),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -53,13 +52,16 @@ class Contestant:
 
     @property
     def label(self) -> str:
-        """Plain name with `name` in brackets; `name` alone if PLAIN has none."""
-        plain = PLAIN.get(self.controller.get("tuned", {}).get("rule", self.name))
-        return f"{plain} ({self.name})" if plain else self.name
+        """POLICY, or the plain name of a shipped baseline with `name` in brackets, or `name`."""
+        ((kind, content),) = self.controller.items()
+        plain = {"policy": POLICY, "baseline": self.name.replace("-", " ")}.get(kind, self.name)
+        if kind == "tuned":
+            plain, _ = RULES.get(content["rule"], (self.name, ""))
+        return plain if plain in (POLICY, self.name) else f"{plain} ({self.name})"
 
 
 @dataclass(frozen=True)
-class Matchup:
+class Comparison:
     """Policies and baselines that play the same scenarios in one environment."""
 
     name: str
@@ -68,7 +70,6 @@ class Matchup:
     chosen: str  # name of the median seed: its policy has the median validation score
     baselines: tuple[Contestant, ...]  # first the paper's rule, then the main baseline (`rival`) if there is one
     scenarios: Mapping[str, Any]  # JSON, see `agents.evaluate.play`
-    provenance: Mapping[str, Any]  # provenance of the median seed's policy
     note: str  # remarks for the reader
     evaluation: Evaluation = field(default_factory=Evaluation)
     bound: Contestant | None = None  # the clairvoyant search: a controller that knows the object
@@ -82,7 +83,7 @@ class Matchup:
     @property
     def labels(self) -> dict[str, str]:
         """Labels of the baselines and of the median seed, by name."""
-        return {baseline.name: baseline.label for baseline in self.baselines} | {self.chosen: POLICY}
+        return {each.name: each.label for each in (*self.baselines, self.policy)}
 
     @property
     def policy(self) -> Contestant:
@@ -92,35 +93,27 @@ class Matchup:
     @property
     def rival(self) -> Contestant:
         """The main baseline for comparison; the paper's rule if there is no other baseline."""
-        return self.baselines[1] if len(self.baselines) > 1 else self.baselines[0]
+        return self.baselines[:2][-1]
 
     @property
     def rivals(self) -> list[Contestant]:
         """The contestants shown in detail: the paper's rule, the rival if there is one, and the median seed."""
-        return list({each.name: each for each in (self.baselines[0], self.rival, self.policy)}.values())
+        return [*self.baselines[:2], self.policy]
 
     @property
     def typical(self) -> float:
         """The policy's time weight (m/s per s) that is nearest to the typical weight of the set-up."""
         return min(self.policy.weights, key=lambda weight: abs(weight - self.evaluation.typical))
 
-    @property
-    def weights(self) -> tuple[float, ...]:
-        """Weights (m/s per s) of the evaluation at which the policy plays; if there are none, the policy's weights."""
-        weights = tuple(weight for weight in self.evaluation.weights if weight in self.policy.weights)
-        return weights or self.policy.weights
-
 
 def of_setup(
     setup: Setup, scenarios: Mapping[str, Any], folder: Path | None = None, time_weight: float | None = None
-) -> Matchup:
-    """Return the matchup of a set-up, with policies and tuned baselines from `folder` (None: the set-up's folder).
+) -> Comparison:
+    """Return the comparison of a set-up, with policies and tuned baselines from `folder` (None: the set-up's folder).
 
     `time_weight` (m/s per s) replaces the typical weight. ValueError: a file is missing, or an argument does not fit.
     """
     folder = setup.folder if folder is None else folder
-    if time_weight is not None:  # for `baselines`, which reads the typical weight of `setup`
-        setup = replace(setup, evaluation=replace(setup.evaluation, typical=time_weight))
     path = folder / "policies" / f"{setup.name}.npz"
     if not path.is_file():
         raise ValueError(f"there are no policies {path}: run impact-gym train {setup.called} --seeds {setup.seeds}")
@@ -129,36 +122,34 @@ def of_setup(
         raise ValueError(f"{path} was trained for another environment than {setup.called} describes: train it again")
     policies = {f"seed-{each.seed}": each for each in sorted(ensemble.policies, key=lambda policy: policy.seed)}
     environment, scenarios = environment_and_scenarios(setup.environment, scenarios)
-    rivals = baselines(setup.against, environment, setup, folder / "tuned")
+    evaluation = replace(setup.evaluation, typical=time_weight or setup.evaluation.typical)
+    rivals = baselines(setup.against, environment, evaluation.typical, setup, folder / "tuned")
     teacher = setup.training.teacher
     known = ", which it is compared with" if teacher in setup.against else ""
     imitates = f"; its training begins by imitating {teacher}{known}" if teacher else ""
     note = setup.about + imitates + quick_look_note(setup, ensemble[None].provenance, rivals)
-    bound = clairvoyant(setup, scenarios, folder / "tuned")
-    found = Matchup(setup.name, environment, (), f"seed-{ensemble.chosen}", rivals, scenarios, {}, note,
-                    setup.evaluation, bound, setup.title)  # fmt: skip
-    return _with_policies(found, policies, time_weight)
+    bound, chosen = clairvoyant(setup, scenarios, folder / "tuned"), f"seed-{ensemble.chosen}"
+    seeds = _seeds(policies, chosen, evaluation, time_weight)
+    return Comparison(setup.name, environment, seeds, chosen, rivals, scenarios, note, evaluation, bound, setup.title)
 
 
-def _with_policies(matchup: Matchup, policies: Mapping[str, Policy], time_weight: float | None) -> Matchup:
-    """Return the matchup with `policies`, which play at the evaluation's weights within the range of their training.
+def _seeds(
+    policies: Mapping[str, Policy], chosen: str, evaluation: Evaluation, time_weight: float | None
+) -> tuple[Contestant, ...]:
+    """Return the policies as contestants, which play at the evaluation's weights within the range of their training.
 
     If no weight is within this range, they play at the lower end of the range.
     """
-    policy, evaluation = policies[matchup.chosen], matchup.evaluation
-    trained = policy.environment.get("time_weight", evaluation.typical)
-    low, high = trained if isinstance(trained, (list, tuple)) else (trained, trained)
+    low, *_, high = np.repeat(policies[chosen].task.time_weight, 2).tolist()  # one weight or a pair
     if time_weight is not None:
         number("time_weight", time_weight, "m/s per s", at_least=low, at_most=high)
-        evaluation = replace(evaluation, typical=time_weight)
     compared = sorted({*evaluation.curve, *evaluation.weights, evaluation.typical})
-    weights = tuple(weight for weight in compared if low <= weight <= high) or (float(low),)
-    seeds = []
-    for name, each in policies.items():
-        content = each.to_bytes()
-        spec = {"policy": base64.b64encode(content).decode()}
-        seeds.append(Contestant(name, spec, weights, hashlib.sha256(content).hexdigest()))
-    return replace(matchup, seeds=tuple(seeds), evaluation=evaluation, provenance=policy.provenance)
+    weights = tuple(weight for weight in compared if low <= weight <= high) or (low,)
+    contents = {name: policy.to_bytes() for name, policy in policies.items()}
+    return tuple(
+        Contestant(name, {"policy": base64.b64encode(each).decode()}, weights, hashlib.sha256(each).hexdigest())
+        for name, each in contents.items()
+    )
 
 
 def clairvoyant(setup: Setup, scenarios: Mapping[str, Any], folder: Path = TUNED) -> Contestant | None:
@@ -191,63 +182,65 @@ def quick_look_note(setup: Setup, about: Mapping[str, Any], rivals: Sequence[Con
 def of_policies(
     paths: Sequence[str], names: Sequence[str], scenarios: Mapping[str, Any], changes: Mapping[str, Any],
     time_weight: float | None = None,
-) -> list[Matchup]:  # fmt: skip
-    """Return a matchup for each policy in `paths` (names or paths), with the paper's rule and the baselines `names`.
+) -> list[Comparison]:  # fmt: skip
+    """Return a comparison for each policy in `paths` (names or paths), with the paper's rule and the baselines `names`.
 
     If `names` is empty and a shipped set-up has a policy's environment, the set-up's baselines play. `changes` replace
     arguments of the environment. ValueError: an argument is invalid, or two policies have the same name.
     """
-    matchups: dict[str, Matchup] = {}
+    comparisons: dict[str, Comparison] = {}
     for path in map(Path, paths):
-        loaded = load_policy(path)
-        trained_in = {name: value for name, value in loaded.environment.items() if name != "time_weight"}
+        policy = load_policy(path)
+        trained_in = {name: value for name, value in policy.environment.items() if name != "time_weight"}
         arguments = {**trained_in, **changes}
         environment, of_environment = environment_and_scenarios(arguments, scenarios)
         with prefixed_errors(f"{path} with environment {[*changes]}"):
-            Policy(loaded.network, Task(**environment), {})  # raises ValueError if the network does not fit
-        setup = next((setup for setup in map(load_setup, shipped()) if setup.describes(loaded.task)), None)
+            Policy(policy.network, Task(**environment), {})  # raises ValueError if the network does not fit
+        setup = next((setup for setup in map(load_setup, shipped()) if setup.describes(policy.task)), None)
         called = path.parent.name if path.name in ("best.npz", "final.npz") else path.stem
         name = identifier("policy", re.sub(r"[^A-Za-z0-9.-]+", "-", called)[:100].strip("-.") or "policy")
-        if name in matchups:
+        if name in comparisons:
             raise ValueError(f"two policies have the name {name!r}: give them files or folders of different names")
         note = f"your policy {name}"
         if setup and not setup.describes(Task(**arguments)):
             note += f"; its baselines were tuned for {setup.name}, not for this environment"
-        rivals = baselines(names or (setup.against if setup else ()), environment)
         bound = clairvoyant(setup, of_environment) if setup and not changes else None
         evaluation = setup.evaluation if setup else Evaluation.of_table({}, trained_in)
-        found = Matchup(name, environment, (), name, rivals, of_environment, {}, note, evaluation, bound)
-        matchups[name] = _with_policies(found, {name: loaded}, time_weight)
-    return list(matchups.values())
+        evaluation = replace(evaluation, typical=time_weight or evaluation.typical)
+        rivals = baselines(names or (setup.against if setup else ()), environment, evaluation.typical)
+        seeds = _seeds({name: policy}, name, evaluation, time_weight)
+        comparisons[name] = Comparison(name, environment, seeds, name, rivals, of_environment, note, evaluation, bound)
+    return list(comparisons.values())
 
 
 def baselines(
-    names: Sequence[str], environment: Mapping[str, Any], setup: Setup | None = None, folder: Path = TUNED
-) -> tuple[Contestant, ...]:
+    names: Sequence[str], environment: Mapping[str, Any], typical: float, setup: Setup | None = None,
+    folder: Path = TUNED,
+) -> tuple[Contestant, ...]:  # fmt: skip
     """Return the paper's rule and the baselines `names`: tuned or fixed baselines, or controllers as module:object.
 
-    `folder` has the tuned baselines of `setup`; other tuned baselines are shipped. ValueError: a name is unknown,
-    repeated or that of the paper's rule, or a baseline does not fit this environment.
+    Baselines that are not tuned play at the weight `typical` (m/s per s). `folder` has the tuned baselines of `setup`;
+    other tuned baselines are shipped. ValueError: a name is unknown, repeated or that of the paper's rule, or a
+    baseline does not fit this environment.
     """
-    typical = (setup.evaluation if setup else Evaluation()).typical
     contestants = [Contestant(PAPER, {"baseline": RULE}, (typical,), "")]
     if len({*names, RULE}) <= len(names):
         raise ValueError(f"name each baseline once, and not {RULE!r}, which is always included; got {list(names)}")
     task = Task(**environment)
     observations = np.zeros((2, len(ObservationSpec(task))), np.float32)
     for name in names:
-        its_own = setup is not None and name in setup.tuned
+        spec: dict[str, Any] = {"baseline": name}
+        weights: tuple[float, ...] = (typical,)
+        checksum, its_own = "", setup is not None and name in setup.tuned
         if its_own or name in shipped_baselines():
             content = read_tuned(name, folder, setup) if its_own else read_tuned(name)
-            weights = tuple(map(float, content["weights"]))
-            contestants.append(Contestant(name, {"tuned": content}, weights, content["sha256"]))
-        elif name in FIXED:
-            contestants.append(Contestant(name, {"baseline": name}, (typical,), ""))
-        elif ":" not in name:
+            spec, weights, checksum = {"tuned": content}, tuple(map(float, content["weights"])), content["sha256"]
+        elif ":" in name:
+            spec = {"object": name}
+            try_out(name, controller_of(spec, typical), observations, len(task.action))  # here, not in a worker
+            checksum = digest_of(name.partition(":")[0])
+        elif name not in FIXED:
             known = nearest("baseline", name, [*FIXED, *shipped_baselines()])
             raise ValueError(f"{known} (give a baseline of your own as module:object)")
-        else:
-            controller = controller_of({"object": name}, typical)
-            try_out(name, controller, observations, len(task.action))  # an error is raised here, not in a worker
-            contestants.append(Contestant(name, {"object": name}, (typical,), digest_of(name.partition(":")[0])))
+        contestants.append(Contestant(name, spec, weights, checksum))
     return tuple(contestants)
