@@ -9,14 +9,14 @@ import polars as pl
 
 import impact_gym as ig
 from experiments.lab import scenes
-from experiments.lab.scenes import BRAKE, LINEAR, MECHANISM, MOTION, OBJECT_MASS, STEADY, scene
+from experiments.lab.scenes import BISTABLE, BRAKE, CONSTANT_SPEED, LINEAR, MOTION, OBJECT_MASS, scene
 from experiments.lab.study import Row
 from experiments.studies.paper.models import PAPER, Model
 from experiments.studies.paper.runs import where
 from experiments.studies.paper.statements import Figure, Reading, Statement
 from impact_gym.couplings import Coupling
 
-COUPLINGS: dict[str, Coupling] = {"rigid": ig.Rigid(), "spring": LINEAR, "bistable": MECHANISM}
+COUPLINGS: dict[str, Coupling] = {"rigid": ig.Rigid(), "spring": LINEAR, "bistable": BISTABLE}
 OBJECTS = {"light": 0.25, "heavy": 1.0}  # kg, masses
 DELAYS = np.array([0, 4, 8, 12, 16, 20, 30, 40, 50, 75, 100, 125, 150, 200, 250, 300, 400, 500]) / 1000  # s, of a brake
 STIFFNESS = np.logspace(2, 8, 25)  # N/m^1.5, with a restitution of 0.1
@@ -38,7 +38,7 @@ def beyond_delay(model: Model = PAPER) -> pl.DataFrame:
     frames, rigid = [], np.empty(0)
     for (what, mass), (name, coupling) in product(OBJECTS.items(), COUPLINGS.items()):
         approach = scene(1e5, 0.1, coupling, object_mass=mass)
-        velocity = model.sweep(approach, MOTION, varied, 4.0).object_velocity
+        velocity = model.sweep(approach, varied, 4.0).object_velocity
         rigid = velocity if name == "rigid" else rigid
         restitution, delay, of_rigid = map(np.ravel, np.broadcast_arrays(e, DELAYS, velocity / rigid))
         columns = {"restitution": restitution, "delay": delay, "of_rigid": of_rigid}
@@ -66,8 +66,8 @@ def _statements_delay(frame: pl.DataFrame) -> Iterator[Statement]:
 
 def beyond_detection(model: Model = PAPER) -> list[Row]:
     """Brake 16 ms after the contact force ("tool") or the change of the coupling's force ("robot") exceeds 1 N."""
-    approach = scene(1e3, 0.1, MECHANISM)
-    outcome, trace = model.trace(approach, STEADY)
+    approach = scene(1e3, 0.1, BISTABLE)
+    outcome, trace = model.trace(approach, CONSTANT_SPEED)
     time = trace.time - outcome.contacts[0].start
     change = np.abs(trace.coupling_force - np.interp(0.0, time, trace.coupling_force))
     by_tool, by_robot = (
@@ -95,14 +95,14 @@ def _statements_detection(frame: pl.DataFrame) -> Iterator[Statement]:
 
 def beyond_objects(model: Model = PAPER) -> pl.DataFrame:
     """Simulate the fixed tool, the mechanism, and each mechanism changed by CHANGES that still holds the tool."""
-    height, stop = MECHANISM.height, MECHANISM.front_stop
-    candidates = [replace(MECHANISM, height=h * height, front_stop=s * stop) for h, s in product(CHANGES, CHANGES)]
+    height, stop = BISTABLE.height, BISTABLE.front_stop
+    candidates = [replace(BISTABLE, height=h * height, front_stop=s * stop) for h, s in product(CHANGES, CHANGES)]
     holding = [coupling for coupling in candidates if coupling.holding_force >= scenes.HOLD]
-    couplings: list[Coupling] = [ig.Rigid(), MECHANISM, *holding]
+    couplings: list[Coupling] = [ig.Rigid(), BISTABLE, *holding]
     frames = []
     for stiffness in SIZES.values():
         fixed, used, *changed = (
-            model.sweep(scene(stiffness, 0.1, coupling), MOTION, {"object.mass": MASSES}, 2.0) for coupling in couplings
+            model.sweep(scene(stiffness, 0.1, coupling), {"object.mass": MASSES}, 2.0) for coupling in couplings
         )
         least = np.min([outcomes.object_velocity for outcomes in changed], axis=0)
         less = [100.0 * (1.0 - velocity / fixed.object_velocity) for velocity in (used.object_velocity, least)]
@@ -135,7 +135,7 @@ def beyond_speed(model: Model = PAPER) -> pl.DataFrame:
     varied = {"motion.speed": SPEEDS, "object.distance": distance}
     frames = []
     for name, coupling in COUPLINGS.items():
-        found = model.sweep(scene(1e3, 0.1, coupling), MOTION, varied, 2.0)
+        found = model.sweep(scene(1e3, 0.1, coupling), varied, 2.0)
         columns = {"speed": SPEEDS, "object_velocity": found.object_velocity, "passes": found.snap_count}
         frames.append(pl.DataFrame({**columns, "coupling": name}))
     return pl.concat(frames)

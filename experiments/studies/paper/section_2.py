@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 
 import impact_gym as ig
-from experiments.lab.scenes import OBJECT_MASS, REDUCED_MASS, STEADY, TOOL_MASS, scene
+from experiments.lab.scenes import CONSTANT_SPEED, OBJECT_MASS, REDUCED_MASS, TOOL_MASS, scene
 from experiments.lab.study import Row
 from experiments.studies.paper.models import PAPER, Model
 from experiments.studies.paper.runs import where
@@ -31,7 +31,7 @@ def figure_06(model: Model = PAPER) -> list[Row]:
     rows: list[Row] = []
     cases = {"a": OBJECT_MASS, "b": REDUCED_MASS}
     for (case, mass), k_c, e in product(cases.items(), STIFFNESSES, [*VANISHING, *RESTITUTIONS]):
-        (contact,) = model.simulate(scene(k_c, e, object_mass=mass), STEADY, duration=2.0).contacts
+        (contact,) = model.simulate(scene(k_c, e, object_mass=mass), CONSTANT_SPEED, duration=2.0).contacts
         assert contact.end is not None  # the contact ends during the run
         rows.append({
             "case": case, "contact_stiffness": k_c, "restitution": e, "peak_force": contact.peak_force,
@@ -81,8 +81,8 @@ def _statements_06(frame: pl.DataFrame) -> Iterator[Statement]:
 def _contact(model: Model, contact: ig.Contact, mass: float) -> Row:
     """Simulate one contact; return `chi` (eq. 5), and the force at its ends over the largest force."""
     approach = ig.Scene(ig.Tool(TOOL_MASS), ig.Object(mass, 0.25), contact)
-    outcome, trace = model.trace(approach, STEADY)
-    (record,), used = outcome.contacts, model.change(approach, STEADY)[0].contact
+    outcome, trace = model.trace(approach, CONSTANT_SPEED)
+    (record,), used = outcome.contacts, model.scene(approach).contact
     depth, rate = trace.tool_position - trace.object_position, trace.tool_velocity - trace.object_velocity
     inside = (trace.contact_force > 0.0) & (depth > 0.0) & (trace.time >= record.start)
     force, depth, rate = (column[inside] for column in (trace.contact_force, depth, rate))
@@ -104,7 +104,7 @@ def beyond_contact(model: Model = PAPER) -> list[Row]:
 
 def laws(model: Model = PAPER) -> pl.DataFrame:
     """Evaluate the restitution that eq. 7 and the law of Hunt and Crossley deliver, at small nominal restitutions."""
-    used = model.change(scene(1e5, 0.5), STEADY)[0].contact.dissipation
+    used = model.scene(scene(1e5, 0.5)).contact.dissipation
     errors = [np.abs(ig.effective_restitution(law, SMALL) - SMALL) for law in (used, "hunt-crossley")]
     return pl.DataFrame({"equation_7": errors[0], "earlier": errors[1]})
 

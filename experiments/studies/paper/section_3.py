@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 
 import impact_gym as ig
-from experiments.lab.scenes import HEAVY_MASS, MOTION, OBJECT_MASS, ROBOT, STEADY, scene
+from experiments.lab.scenes import CONSTANT_SPEED, HEAVY_MASS, MOTION, OBJECT_MASS, ROBOT, scene
 from experiments.lab.study import Row
 from experiments.studies.paper.models import PAPER, Model
 from experiments.studies.paper.runs import Array, Run, histories, runs_of, two_runs
@@ -31,7 +31,7 @@ def beyond_joints(model: Model = PAPER) -> list[Row]:
     """Simulate Fig. 13b with all six joints (eq. 10), without weight, and without centrifugal and Coriolis forces."""
     from impact_gym.robot import all_joints, viper  # here, because they need MuJoCo
 
-    approach, motion = model.change(scene(1e5, 1.0), MOTION)
+    approach, motion = model.scene(scene(1e5, 1.0)), model.motion(MOTION)
     arm = viper.viper()
     slow = copy(arm)
     slow.__class__ = _Slow
@@ -97,7 +97,7 @@ def figure_14(model: Model = PAPER) -> pl.DataFrame:
     """Simulate Fig. 14a and 14b with and without a brake, and Fig. 13b."""
     soft, stiff = (scene(k_c, 1.0, robot=ROBOT, object_mass=HEAVY_MASS) for k_c in (1e5, 1e6))
     braking = histories(model, {"a": soft, "b": stiff, "13b": scene(1e5, 1.0, robot=ROBOT)})
-    return pl.concat([braking, histories(model, {"a, no brake": soft, "b, no brake": stiff}, STEADY)])
+    return pl.concat([braking, histories(model, {"a, no brake": soft, "b, no brake": stiff}, CONSTANT_SPEED)])
 
 
 def _ranges(run: Run) -> tuple[float, float]:
@@ -163,15 +163,8 @@ def _statements_14(frame: pl.DataFrame) -> Iterator[Statement]:
 FIGURES = (
     Figure(beyond_joints, _statements_joints),
     Figure(figure_13, _statements_13, partial(
-        two_runs, titles=("(a) rigid joints", "(b) compliant joints"),
-        caption="Velocities of tool and object, robot with rigid (a) and with compliant joints (b); e = 1, k_c = 1e5.",
-        alternative="Two panels, velocity against time. The object leaves at 2.00 m/s with rigid joints and at 1.94 "
-        "m/s with compliant ones, where the tool's velocity swings about the imposed one by some hundredths.",
-        forces=False)),
+        two_runs, titles=("(a) rigid joints", "(b) compliant joints"), common="e = 1, k_c = 1e5", forces=False)),
     Figure(figure_14, _statements_14, partial(
-        two_runs, titles=("(a) k_c = 1e5 N/m^1.5", "(b) k_c = 1e6 N/m^1.5"),
-        caption="Velocities with a heavy object, 2.5 kg, and compliant joints; k_c = 1e5 (a) and 1e6 (b), e = 1.",
-        alternative="Two panels, velocity against time. With the softer contact the object leaves at 1.88 m/s and "
-        "the tool keeps most of its velocity; with the stiffer one the tool slows sharply and vibrates.",
-        forces=False)),
+        two_runs, titles=("(a) k_c = 1e5 N/m^1.5", "(b) k_c = 1e6 N/m^1.5"), forces=False,
+        common="heavy object, 2.5 kg, and compliant joints; e = 1")),
 )  # fmt: skip

@@ -6,15 +6,16 @@ from itertools import product
 
 import numpy as np
 import polars as pl
+from matplotlib.figure import Figure as Sheet
 from numpy.typing import NDArray
 
 import impact_gym as ig
 from experiments.lab.charts import SERIES
 from experiments.lab.parts import Picture
-from experiments.lab.scenes import DISTANCE, DURATION, MOTION, STEADY, scene
+from experiments.lab.scenes import CONSTANT_SPEED, DISTANCE, DURATION, MOTION, scene
 from experiments.lab.study import Row
 from experiments.studies.paper.models import PAPER, Model
-from experiments.studies.paper.runs import Array, Run, histories, panels, picture, runs_of, two_runs, where
+from experiments.studies.paper.runs import Array, Run, histories, picture, runs_of, two_runs, where
 from experiments.studies.paper.statements import Figure, Reading, Statement
 
 CONTACT_STIFFNESSES = (1e3, 1e4, 1e5)  # N/m^1.5
@@ -26,7 +27,7 @@ SPRING = ig.SpringDamper(150.0)  # of Fig. 17, 19 and 20
 
 def _rows(model: Model, k_t: Array, e: float, distance: float = DISTANCE, braked: bool = True) -> pl.DataFrame:
     """Simulate V_p over k_t (N/m) for each contact stiffness."""
-    motion = MOTION if braked else STEADY
+    motion = MOTION if braked else CONSTANT_SPEED
     rows: list[Row] = []
     for k_c, stiffness in product(CONTACT_STIFFNESSES, k_t.tolist()):
         approach = scene(k_c, e, ig.SpringDamper(stiffness), distance=distance)
@@ -96,13 +97,16 @@ def _statements_16(frame: pl.DataFrame) -> Iterator[Statement]:
         "scenes with several contacts")  # fmt: skip
 
 
-def _curves(frame: pl.DataFrame, name: str, caption: str, alternative: str) -> Picture:
-    sheet, (axes,) = panels(7.0, 4.6)
+def _curves(frame: pl.DataFrame, name: str, restitution: float) -> Picture:
+    sheet = Sheet(figsize=(7.0, 4.6))
+    axes, ends = sheet.subplots(), []
     for colour, k_c, line in zip(SERIES, CONTACT_STIFFNESSES, _velocities(frame), strict=False):
         axes.plot(COUPLING_STIFFNESSES, line, color=colour, label=f"k_c = {k_c:g} N/m^1.5")
+        ends.append(f"from {line[0]:.2f} to {line[-1]:.2f} m/s with k_c = {k_c:g} N/m^1.5")
     axes.set(xlabel="coupling stiffness k_t (N/m)", ylabel="final object velocity V_p (m/s)")
     axes.legend(fontsize=9)
-    return picture(name, sheet, caption, alternative)
+    caption = f"V_p against the stiffness of the coupling; zeta = 1, e = {restitution:g}."
+    return picture(name, sheet, caption, f"Curves of V_p over k_t: {', '.join(ends)}.")
 
 
 def _statements_18(frame: pl.DataFrame) -> Iterator[Statement]:
@@ -170,7 +174,7 @@ def figure_19(model: Model = PAPER) -> pl.DataFrame:
     cases = {"a": scene(1e5, INELASTIC, SPRING), "b": scene(1e3, INELASTIC, SPRING)}
     cases |= {"a, e = 1": scene(1e5, 1.0, SPRING), "b, e = 1": scene(1e3, 1.0, SPRING)}
     never = {f"{case}, no brake": approach for case, approach in cases.items()}
-    return pl.concat([histories(model, cases), histories(model, never, STEADY)])
+    return pl.concat([histories(model, cases), histories(model, never, CONSTANT_SPEED)])
 
 
 def _statements_19(frame: pl.DataFrame) -> Iterator[Statement]:
@@ -255,24 +259,12 @@ def _statements_19(frame: pl.DataFrame) -> Iterator[Statement]:
 
 
 FIGURES = (
-    Figure(figure_16, _statements_16, partial(
-        _curves, caption="V_p against the stiffness of the coupling; zeta = 1, e = 1.",
-        alternative="V_p against coupling stiffness for three contact stiffnesses; the curve of the stiffest contact "
-        "bends upward sharply near 90 N/m, where a second contact sets in.")),
+    Figure(figure_16, _statements_16, partial(_curves, restitution=1.0)),
     Figure(figure_17, _statements_17, partial(
-        two_runs, titles=("(a, c) k_c = 1e5 N/m^1.5", "(b, d) k_c = 1e4 N/m^1.5"),
-        caption="Velocities and forces for two contact stiffnesses; k_t = 150 N/m, zeta = 1, e = 1.",
-        alternative="Two columns, velocities above and forces below, against time. Left, the stiff contact: two "
-        "short force peaks, the object leaves at 0.90 m/s. Right, the softer contact: one longer peak, 0.94 m/s.",
-        forces=True)),
-    Figure(figure_18, _statements_18, partial(
-        _curves, caption="V_p against the stiffness of the coupling; zeta = 1, e = 0.1.",
-        alternative="V_p against coupling stiffness for three contact stiffnesses, e = 0.1: all curves rise; the "
-        "softest contact lies lowest, the other two cross near 100 N/m.")),
+        two_runs, titles=("(a, c) k_c = 1e5 N/m^1.5", "(b, d) k_c = 1e4 N/m^1.5"), forces=True,
+        common="k_t = 150 N/m, zeta = 1, e = 1")),
+    Figure(figure_18, _statements_18, partial(_curves, restitution=INELASTIC)),
     Figure(figure_19, _statements_19, partial(
-        two_runs, titles=("(a, c) k_c = 1e5 N/m^1.5", "(b, d) k_c = 1e3 N/m^1.5"),
-        caption="Velocities and forces for two contact stiffnesses; k_t = 150 N/m, zeta = 1, e = 0.1.",
-        alternative="Two columns, velocities above and forces below, against time. Left, the stiff contact: tool and "
-        "object move together at once, the object leaves at 0.87 m/s. Right, the soft contact lasts into the "
-        "braking.", forces=True)),
+        two_runs, titles=("(a, c) k_c = 1e5 N/m^1.5", "(b, d) k_c = 1e3 N/m^1.5"), forces=True,
+        common="k_t = 150 N/m, zeta = 1, e = 0.1")),
 )  # fmt: skip

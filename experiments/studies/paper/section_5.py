@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 import polars as pl
 
-from experiments.lab.scenes import HOLD, LINEAR, MECHANISM, MOTION, OBJECT_MASS, scene
+from experiments.lab.scenes import BISTABLE, HOLD, LINEAR, MOTION, OBJECT_MASS, scene
 from experiments.lab.study import Row
 from experiments.studies.paper.models import PAPER, Model
 from experiments.studies.paper.runs import histories, runs_of, two_runs, where
@@ -19,13 +19,13 @@ FORCES = np.linspace(0.5, 2.0, 31)  # factors on the force of the mechanism
 
 def figure_23(model: Model = PAPER) -> pl.DataFrame:
     """Simulate Fig. 23a (mechanism) and 23b (spring and damper)."""
-    return histories(model, {"a": scene(1e3, 0.1, MECHANISM), "b": scene(1e3, 0.1, LINEAR)})
+    return histories(model, {"a": scene(1e3, 0.1, BISTABLE), "b": scene(1e3, 0.1, LINEAR)})
 
 
 def _statements_23(frame: pl.DataFrame) -> Iterator[Statement]:
     run, linear = runs_of(frame)
     trace, time, tool = run.trace, run.trace.time, run.trace.tool_velocity
-    x = MECHANISM.rest + trace.tool_position - trace.flange_position  # m, of the slider; the trace begins at rest
+    x = BISTABLE.rest + trace.tool_position - trace.flange_position  # m, of the slider; the trace begins at rest
     passes = np.flatnonzero((x[:-1] > 0.0) & (x[1:] <= 0.0))
     snap = float(time[passes[0] + 1]) if passes.size else np.inf  # s, first passage of the alignment
     touch = int(np.argmax(run.contact > 0))
@@ -54,7 +54,7 @@ def _statements_23(frame: pl.DataFrame) -> Iterator[Statement]:
         rule="the object has at least 95 % of V_p at that instant", holds=bool(share >= 95.0),
         ours=f"the object has {share:.0f} % of V_p by then",
         why="At e = 0.1 the contact force falls slowly and accelerates the object further.")  # fmt: skip
-    change, at_stop = np.ptp(tool[settling]), int(np.argmax((time > snap) & (x <= MECHANISM.rear_stop)))
+    change, at_stop = np.ptp(tool[settling]), int(np.argmax((time > snap) & (x <= BISTABLE.rear_stop)))
     loss = plateau - tool[(time > snap) & (time < time[at_stop])].min(initial=np.inf)
     yield Statement(
         "crosses", "Fig. 23a",
@@ -75,7 +75,7 @@ def _statements_23(frame: pl.DataFrame) -> Iterator[Statement]:
         "force", "Fig. 23c, d", "The force of the bistable mechanism is lower than that of spring and damper",
         rule="largest force during the contact in (a) below that in (b)", holds=bool(largest[0] < largest[1]),
         ours=f"at most {largest[0]:.2f} N against {largest[1]:.2f} N", wrong="mechanism for a spring")  # fmt: skip
-    back = trace.coupling_force[(run.contact > 0) & (x < MECHANISM.front_stop) & (x > 0.0)]
+    back = trace.coupling_force[(run.contact > 0) & (x < BISTABLE.front_stop) & (x > 0.0)]
     yield Statement(
         "force_falls", "Fig. 23c",
         "The force generated in the bistable mechanism decreases when the end-effector is compressed",
@@ -98,13 +98,13 @@ def beyond_holding(model: Model = PAPER) -> pl.DataFrame:
     """Simulate Fig. 23a with weaker and stronger mechanisms, then with other contacts (`force` is null)."""
     rows: list[Row] = []
     for factor in FORCES:
-        mechanism = replace(MECHANISM, stiffness=factor * MECHANISM.stiffness)
+        mechanism = replace(BISTABLE, stiffness=factor * BISTABLE.stiffness)
         outcome, trace = model.trace(scene(1e3, 0.1, mechanism))
         before = trace.time < outcome.contacts[0].start
         lag = 1e3 * (trace.flange_position - trace.tool_position)[before].max()
         rows.append({"force": mechanism.holding_force, "lag": lag, "object_velocity": outcome.object_velocity})
     contacts = [
-        {"contact_stiffness": k_c, "restitution": e, "contacts": len(model.simulate(scene(k_c, e, MECHANISM)).contacts)}
+        {"contact_stiffness": k_c, "restitution": e, "contacts": len(model.simulate(scene(k_c, e, BISTABLE)).contacts)}
         for k_c, e in product((1e3, 1e4, 1e5), (0.1, 0.3, 0.5, 0.7, 1.0))
     ]
     return pl.concat([pl.DataFrame(rows), pl.DataFrame(contacts)], how="diagonal")
@@ -138,10 +138,7 @@ def _statements_holding(frame: pl.DataFrame) -> Iterator[Statement]:
 
 FIGURES = (
     Figure(figure_23, _statements_23, partial(
-        two_runs, titles=("(a, c) bistable mechanism", "(b, d) linear spring-damper"),
-        caption="Velocities and forces, bistable mechanism (a, c) and linear spring-damper (b, d); e = 0.1, k_c = 1e3.",
-        alternative="Two columns, velocities above and forces below, against time. Left, bistable: the tool falls "
-        "from 1.0 to 0.4 m/s, crosses the alignment and is pulled back to the flange; the object leaves at 0.45 m/s.",
+        two_runs, titles=("(a, c) bistable mechanism", "(b, d) linear spring-damper"), common="e = 0.1, k_c = 1e3",
         forces=True)),
     Figure(beyond_holding, _statements_holding),
 )  # fmt: skip
