@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from experiments.lab.parts import Section, Table
 from experiments.lab.study import SOLVER, Cell, Findings, Frames, Measurement, Study
 from experiments.studies.paper import beyond, section_2, section_3, section_4, section_5, values
-from experiments.studies.paper.statements import Statement, Verdict
+from experiments.studies.paper.statements import Verdict
 
 FIGURES = {
     figure.name: figure for module in (section_2, section_3, section_4, section_5, beyond) for figure in module.FIGURES
@@ -18,12 +18,6 @@ FIGURES = {
 DEPENDS = (*SOLVER, "impact_gym.robot", "experiments.lab.scenes", *(
     f"experiments.studies.paper.{name}" for name in ("models", "runs", "statements")
 ))  # fmt: skip
-
-
-def _judgement(statement: Statement) -> str:
-    other, text = statement.reading, f"Rule: {statement.rule}. {statement.why}"
-    verdict = "holds" if other and other.holds else "does not hold"
-    return f"{text} Another reading, {other.text}: {verdict}; {other.ours}." if other else text
 
 
 def analyse(frames: Frames, quick: bool) -> Findings:
@@ -40,9 +34,11 @@ def analyse(frames: Frames, quick: bool) -> Findings:
     agree, one_reading, disagree = map(len, apart)
     counts = [("all", str(len(statements)))]
     counts += [(verdict, str(len(judged))) for verdict, judged in zip(Verdict, apart, strict=True)]
-    disagreements = [(each.place, each.text, each.ours) for each in apart[-1]]
-    every = [(each.text, each.place, each.verdict, each.ours, each.wrong or "-", _judgement(each))
-             for each in statements]  # fmt: skip
+    disagreements = [(each.where, each.text, each.finding.ours) for each in apart[-1]]
+    every = [
+        (each.text, each.where, each.verdict, each.finding.ours, each.wrong or "-", each.judgement)
+        for each in statements
+    ]
     sections = [
         Section("Verdicts", [
             table("Number of statements.", "Verdict|Statements", counts, "paper-verdicts"),
