@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from functools import cache
-from math import exp, hypot, log, log1p, sqrt
+from math import exp, hypot, log, sqrt
 from typing import Any
 
 import numpy as np
@@ -33,35 +33,16 @@ def damping_factor(name: str, e: float, m: float, n: float) -> float:
         return CLOSURES[name](e)
     if name not in ("exact", "fixed"):  # "fixed" is "exact" at the reference velocity
         raise ValueError(f"reference: dissipation must be one of {[*CLOSURES, 'exact', 'fixed']}, got {name!r}")
-    if e == 1:
-        return 0.0
-    return _equal_exponents(e) if m == n else _unequal_exponents(e, m, n)
-
-
-def _equal_exponents(e: float) -> float:
-    """Return the root d > 0 of ln((1+d)/(1-d e)) = d (1+e); `excess` has this root, but not the root d = 0."""
-
-    def phi(z: float) -> float:  # (ln(1+z) - z)/z^2
-        if abs(z) > 0.1:
-            return (log1p(z) - z) / z**2
-        return float(sum((-1) ** (k + 1) * z ** (k - 2) / k for k in range(2, 20)))
-
-    def excess(d: float) -> float:
-        return phi(d) - e**2 * phi(-d * e)
-
-    limit = (1 - 1e-15) / e
-    # at the root, 1 - d e is about (1 + 1/e) exp(-1 - 1/e), below 1e-15 for e < 0.0269; the root is then 1/e
-    return float(brentq(excess, 0.0, limit, xtol=1e-300, rtol=1e-15)) if excess(limit) > 0 else 1 / e
+    return _exact_factor(e, m, n) if e < 1 else 0.0
 
 
 @cache
-def _unequal_exponents(e: float, m: float, n: float) -> float:
+def _exact_factor(e: float, m: float, n: float) -> float:
     upper = 1.0
     while _isolated_restitution(upper, m, n) > e:
         upper *= 4
-    return exp(
-        brentq(lambda x: log(_isolated_restitution(exp(x), m, n) / e), log((1 - e) / 10), log(upper), xtol=1e-13)
-    )
+    ends = log((1 - e) / 10), log(upper)
+    return exp(brentq(lambda x: log(_isolated_restitution(exp(x), m, n) / e), *ends, xtol=1e-13))
 
 
 def _isolated_restitution(d: float, m: float, n: float) -> float:

@@ -58,7 +58,7 @@ def play(
         estimate += task.range_bias + (task.range_noise or 0.0) * normal
     sensed = {0.0: (0.0, 0.0, 0.0)}  # by time (s): force (N), peak force (N), deflection (m)
     by_reading, raised, heard_until = task.alarm == "reading", inf, 0.0
-    observations = []
+    spec, observations = ObservationSpec(task), []
     for action in actions:
         received = {at: reading for at, reading in sensed.items() if at <= max(now - delay, 0.0) + ROUNDING}
         if by_reading:
@@ -70,7 +70,7 @@ def play(
         x, v, *_ = command.at(motion.t)
         force, peak, deflection = list(received.values())[-1]
         heard = now > raised - ROUNDING
-        observations.append(_scaled(task, {
+        observations.append(_scaled(spec, {
             "position": x, "velocity": v, "time": now, "alarm": float(heard), "force": force, "force_peak": peak,
             "time_since_alarm": now - raised if heard else 0.0, "time_weight": 1.0, "distance_estimate": estimate - x,
             "range_noise": task.range_noise, "deflection": deflection, "reaction_delay": delay,
@@ -115,9 +115,9 @@ def _observation_times(task: Task, alarm: float, by_reading: bool) -> list[float
     return before + [start + k * period for k in range(1, 1 + int((end - ROUNDING - start) / period))] + [end]
 
 
-def _scaled(task: Task, values: Mapping[str, Any]) -> NDArray[np.float32]:
+def _scaled(spec: ObservationSpec, values: Mapping[str, Any]) -> NDArray[np.float32]:
     scaled = []
-    for entry in ObservationSpec(task).entries:
+    for entry in spec.entries:
         scale = entry.scale
         value, low, high = map(CURVES[scale.curve], (values[entry.id], scale.low, scale.high))
         place = scale.scaled_low + (1.0 - scale.scaled_low) * ((value - low) / (high - low))
