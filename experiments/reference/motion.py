@@ -41,7 +41,7 @@ class Motion:
         self.chain, self.command, self.rtol, self.method = chain, chain.command, rtol, method
         self.floor = floor
         self.t = 0.0  # s
-        self.peak_force = 0.0  # N
+        self.peak_force = self._peak = 0.0  # N, largest force of all contacts, and of the current or last one
         self.unread_force = 0.0  # N, largest force since the last reading of the sensor
         self.records: list[ContactRecord] = []
         self.past_impulse = 0.0  # N s, impulse of the contact force on the object, in past contacts

@@ -46,12 +46,12 @@ def play(
     of the estimated distance; None: the estimate is exact.
     """
     tool, target = ig.Tool(task.tool_mass), ig.Object(scenario["object_mass"], scenario["distance"], task.friction)
-    law = {"dissipation": task.dissipation, "reference_velocity": task.reference_velocity}
+    law: dict[str, Any] = {"dissipation": task.dissipation, "reference_velocity": task.reference_velocity}
     contact = ig.Contact(scenario["contact_stiffness"], scenario["restitution"], **law)
     command = Command(threshold=task.alarm_threshold)
     chain = Chain(ig.Scene(tool, target, contact, task.coupling, task.robot), command)
     motion = Motion(chain, scenario["distance"], RTOL, floor=FLOOR)
-    delay, now, estimate = float(task.reaction_delay), 0.0, scenario["distance"]  # type: ignore[arg-type]  # no range
+    delay, now, estimate = float(task.reaction_delay), 0.0, scenario["distance"]
     if seed is not None:
         uniforms = first_uniforms(seed, 1)[0]
         normal = sqrt(-2 * log1p(-uniforms[5])) * cos(2 * pi * uniforms[6])  # Box-Muller transform
@@ -120,6 +120,6 @@ def _scaled(spec: ObservationSpec, values: Mapping[str, Any]) -> NDArray[np.floa
     for entry in spec.entries:
         scale = entry.scale
         value, low, high = map(CURVES[scale.curve], (values[entry.id], scale.low, scale.high))
-        place = scale.scaled_low + (1.0 - scale.scaled_low) * ((value - low) / (high - low))
-        scaled.append(min(1.0, max(scale.scaled_low, place)))
+        position = scale.scaled_low + (1.0 - scale.scaled_low) * ((value - low) / (high - low))
+        scaled.append(min(1.0, max(scale.scaled_low, position)))
     return np.array(scaled, np.float32)

@@ -39,8 +39,9 @@ def _with(name: str, new: Any = None, only: type = object, **fields: Any) -> Mod
     """Return a model with a new part of the scene, or new fields of the part, if the part has the type `only`."""
 
     def changed(scene: ig.Scene) -> ig.Scene:
-        part = getattr(scene, name)
-        return replace(scene, **{name: replace(part, **fields) if fields else new}) if isinstance(part, only) else scene
+        part: Any = getattr(scene, name)
+        parts: dict[str, Any] = {name: replace(part, **fields) if fields else new} if isinstance(part, only) else {}
+        return replace(scene, **parts)
 
     return Model(changed)
 

@@ -76,7 +76,7 @@ def runs_of(frame: pl.DataFrame) -> tuple[Run, Run]:
 
 def picture(name: str, sheet: Sheet, caption: str, alternative: str) -> Picture:
     """Return a figure as a part of the page."""
-    sheet.set_size_inches(SCALE * sheet.get_size_inches())
+    sheet.set_size_inches(*(SCALE * sheet.get_size_inches()))
     return Picture(name, sheet, alternative, caption, f"Fig. {int(name[-2:])}", wide=False)
 
 

@@ -11,12 +11,20 @@ import impact_gym as ig
 from experiments.lab.scenes import CONSTANT_SPEED, HEAVY_MASS, MOTION, OBJECT_MASS, ROBOT, scene
 from experiments.lab.study import Row
 from experiments.studies.paper.models import PAPER, Model
-from experiments.studies.paper.runs import Run, histories, runs_of, two_runs
+from experiments.studies.paper.runs import Array, Run, histories, runs_of, two_runs
 from experiments.studies.paper.statements import Figure, Finding
 from impact_gym.physics.impact import sliding_distance
-from impact_gym.robot import default_approach
+from impact_gym.robot import Arm, default_approach
 
 FRICTION = 0.3  # coefficient of friction between object and plane; the paper gives no number
+
+
+class _Slow(Arm):
+    """An arm without centrifugal and Coriolis forces, as in eq. 11."""
+
+    def move(self, angles: Array, rates: Array) -> tuple[Array, Array]:
+        """Set the joint angles, and rates of 0."""
+        return super().move(angles, 0.0 * rates)
 
 
 def beyond_joints(model: Model = PAPER) -> list[Row]:
@@ -25,8 +33,8 @@ def beyond_joints(model: Model = PAPER) -> list[Row]:
 
     approach, motion = model.scene(scene(1e5, 1.0)), model.motion(MOTION)
     arm = viper.viper()
-    slow = copy(arm)  # without centrifugal and Coriolis forces, as in eq. 11
-    slow.move = lambda angles, rates: arm.move(angles, 0.0 * rates)  # type: ignore[method-assign]
+    slow = copy(arm)
+    slow.__class__ = _Slow
     rows: list[Row] = []
     for used, gravity in ((arm, True), (arm, False), (slow, True)):
         blow = all_joints.simulate(used, default_approach(), approach, motion, duration=0.6, gravity=gravity)

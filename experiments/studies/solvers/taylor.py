@@ -48,10 +48,9 @@ def integrator(kind: str, touching: bool, tolerance: float, number: Any) -> tupl
     hy = import_module("heyoka")
     symbols, zero = hy.make_vars(*STATE), hy.expression(0.0)
     s, w, _, tau, y, q = symbols
-    m_t, m_p, k_c, d, k_t, c_t, L0, H, x0, front, rear, k_s, c_s = (hy.par[place] for place in range(len(LAW)))
-    a, cut, alarm, length, speed, pressed, front_on, rear_on = (
-        hy.par[place] for place in range(len(LAW), len(PARAMETERS))
-    )
+    numbers = [hy.par[index] for index in range(len(PARAMETERS))]
+    m_t, m_p, k_c, d, k_t, c_t, L0, H, x0, front, rear, k_s, c_s = numbers[: len(LAW)]
+    a, cut, alarm, length, speed, pressed, front_on, rear_on = numbers[len(LAW) :]
     x, x_dot, T = x0 + length * y, speed * q, zero
     front_force, rear_force = k_s * (x - front) + c_s * x_dot, k_s * (rear - x) - c_s * x_dot
     if kind == "SpringDamper":
@@ -81,7 +80,7 @@ def integrator(kind: str, touching: bool, tolerance: float, number: Any) -> tupl
         [*zip(symbols, derivatives, strict=True)], [number(0.0)] * len(STATE), tol=number(tolerance), fp_type=number,
         t_events=[hy.t_event(gauge, direction=direction, fp_type=number) for _, direction, gauge in events],
     )  # fmt: skip
-    names = {-1 - place: name for place, (name, _, _) in enumerate(events)}
+    names = {-1 - index: name for index, (name, _, _) in enumerate(events)}
     return made, names | {int(hy.taylor_outcome.time_limit): "cut"}
 
 
