@@ -35,7 +35,7 @@ class Model:
 PAPER = Model()
 
 
-def _with(name: str, new: Any = None, only: type = object, **fields: Any) -> Model:
+def _with(name: str, new: Any = None, only: type[Any] = object, **fields: Any) -> Model:
     """Return a model with a new part of the scene, or new fields of the part, if the part has the type `only`."""
 
     def changed(scene: ig.Scene) -> ig.Scene:

@@ -16,7 +16,6 @@ from impact_gym.physics import impact
 from impact_gym.render.palette import FLANGE, FORCE, OBJECT, PERSON, TOOL
 
 Array = NDArray[np.float64]
-SCALE = 0.8  # factor on the size of all figures, so that the text is legible in two figures side by side
 
 
 def where(frame: pl.DataFrame, **values: float | str) -> dict[str, NDArray[Any]]:
@@ -76,13 +75,12 @@ def runs_of(frame: pl.DataFrame) -> tuple[Run, Run]:
 
 def picture(name: str, sheet: Sheet, caption: str, alternative: str) -> Picture:
     """Return a figure as a part of the page."""
-    sheet.set_size_inches(*(SCALE * sheet.get_size_inches()))
     return Picture(name, sheet, alternative, caption, f"Fig. {int(name[-2:])}", wide=False)
 
 
 def two_runs(frame: pl.DataFrame, name: str, titles: tuple[str, str], common: str, forces: bool) -> Picture:
     """Draw the velocities of the cases "a" and "b" over time, and the `forces` below around the contact."""
-    sheet, runs = Sheet(figsize=(10.4, 6.4 if forces else 4.0)), runs_of(frame)
+    sheet, runs = Sheet(figsize=(8.32, 5.12 if forces else 3.2)), runs_of(frame)
     axes = np.ravel(sheet.subplots(ncols=2, nrows=1 + forces, sharex=True, sharey="row"))
     for upper, run, title in zip(axes, runs, titles, strict=False):
         trace = run.trace

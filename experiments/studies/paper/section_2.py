@@ -78,12 +78,10 @@ def _contact(model: Model, contact: ig.Contact, mass: float) -> Row:
 def beyond_contact(model: Model = PAPER) -> list[Row]:
     """Simulate the linear contact, that of the paper, and other exponents n with several masses."""
     linear = ig.Contact(5e3, 0.5, "exact", stiffness_exponent=1.0, damping_exponent=0.0)
-    rows: list[Row] = [{"case": "linear", **_contact(PAPER, linear, OBJECT_MASS)}]
-    rows.append({"case": "paper", **_contact(model, ig.Contact(1e5, 0.5), OBJECT_MASS)})
-    for n, mass in product(EXPONENTS, MASSES):
-        contact = ig.Contact(1e5, 0.5, "exact", damping_exponent=n)
-        rows.append({"case": "exponents", **_contact(model, contact, mass)})
-    return rows
+    cases = [("linear", PAPER, linear, OBJECT_MASS), ("paper", model, ig.Contact(1e5, 0.5), OBJECT_MASS)]
+    others = ((ig.Contact(1e5, 0.5, "exact", damping_exponent=n), mass) for n, mass in product(EXPONENTS, MASSES))
+    cases += [("exponents", model, contact, mass) for contact, mass in others]
+    return [{"case": case, **_contact(used, contact, mass)} for case, used, contact, mass in cases]
 
 
 def laws(model: Model = PAPER) -> pl.DataFrame:

@@ -35,11 +35,9 @@ def beyond_joints(model: Model = PAPER) -> list[Row]:
     arm = viper.viper()
     slow = copy(arm)
     slow.__class__ = _Slow
-    rows: list[Row] = []
-    for used, gravity in ((arm, True), (arm, False), (slow, True)):
-        blow = all_joints.simulate(used, default_approach(), approach, motion, duration=0.6, gravity=gravity)
-        rows.append({"object_velocity": blow.object_velocity})
-    return rows
+    hits = (all_joints.simulate(used, default_approach(), approach, motion, duration=0.6, gravity=gravity)
+            for used, gravity in ((arm, True), (arm, False), (slow, True)))  # fmt: skip
+    return [{"object_velocity": hit.object_velocity} for hit in hits]
 
 
 def _statements_joints(frame: pl.DataFrame) -> Iterator[Finding]:

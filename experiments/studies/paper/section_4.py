@@ -83,7 +83,7 @@ def _statements_16(frame: pl.DataFrame) -> Iterator[Finding]:
 
 
 def _curves(frame: pl.DataFrame, name: str, restitution: float) -> Picture:
-    sheet = Sheet(figsize=(7.0, 4.6))
+    sheet = Sheet(figsize=(5.6, 3.68))
     axes, ends = sheet.subplots(), []
     for colour, k_c, line in zip(SERIES, CONTACT_STIFFNESSES, _velocities(frame), strict=False):
         axes.plot(COUPLING_STIFFNESSES, line, color=colour, label=f"k_c = {k_c:g} N/m^1.5")

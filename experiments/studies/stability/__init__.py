@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from typing import NamedTuple
 
+import numpy as np
 import polars as pl
 
 from experiments.lab.parts import Section, Table
@@ -44,7 +45,7 @@ class Promise(NamedTuple):
         about, broken = rows.filter(self.about), self.broken(rows).height
         numbers = about.select(number=self.number)["number"]
         known = numbers.filter(numbers.is_finite()) if numbers.dtype.is_float() else numbers.clear()
-        middle, largest = (f"{known.median():.3g}", f"{known.max():.3g}") if known.len() else ("-", "-")
+        middle, largest = (f"{np.median(known):.3g}", f"{np.max(known):.3g}") if known.len() else ("-", "-")
         return {"promise": self.text, "kept": "yes" if about.height and not broken else "no",
                 "scenes": f"{about.height:,}", "scenes that break it": f"{broken:,}",
                 "median": middle, "largest": largest}  # fmt: skip
