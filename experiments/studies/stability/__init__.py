@@ -44,8 +44,8 @@ class Promise(NamedTuple):
         """Return the row of the table of promises: how many rows break the promise, and what `number` was."""
         about, broken = rows.filter(self.about), self.broken(rows).height
         numbers = about.select(number=self.number)["number"]
-        known = numbers.filter(numbers.is_finite()) if numbers.dtype.is_float() else numbers.clear()
-        middle, largest = (f"{np.median(known):.3g}", f"{np.max(known):.3g}") if known.len() else ("-", "-")
+        known = (numbers.filter(numbers.is_finite()) if numbers.dtype.is_float() else numbers.clear()).to_numpy()
+        middle, largest = (f"{np.median(known):.3g}", f"{np.max(known):.3g}") if known.size else ("-", "-")
         return {"promise": self.text, "kept": "yes" if about.height and not broken else "no",
                 "scenes": f"{about.height:,}", "scenes that break it": f"{broken:,}",
                 "median": middle, "largest": largest}  # fmt: skip
