@@ -11,13 +11,13 @@ DISTANCE = 0.2505  # m, from tool to object; identified from Fig. 5, where the d
 THRESHOLD = 1.0  # N, contact force above which the robot brakes; printed in section 3.2
 BRAKE = ig.Brake(threshold=THRESHOLD, delay=0.016, deceleration=8.0)
 MOTION = ig.Trapezoid(speed=1.0, acceleration=8.0, brake=BRAKE)
-STEADY = ig.Trapezoid(MOTION.speed, MOTION.acceleration)  # without brake
+CONSTANT_SPEED = ig.Trapezoid(MOTION.speed, MOTION.acceleration)  # without brake
 DURATION = 1.5  # s, of a simulation
 ROBOT = ig.Robot(mass=5.225, stiffness=1.9e5, damping=50.4)  # the mass is printed; stiffness and damping are identified
 ROBOT_AND_TOOL = ROBOT.mass + TOOL_MASS  # kg, printed in section 3.2 as 5.35
-MECHANISM = ig.Bistable()  # height H, free length L0 and stiffness k are printed; the front stop is identified
+BISTABLE = ig.Bistable()  # height H, free length L0 and stiffness k are printed; the front stop is identified
 HOLD = TOOL_MASS * MOTION.acceleration  # N, holding force that a mechanism needs during the acceleration
-LINEAR = ig.SpringDamper(stiffness=50.0, damping_ratio=1.0)  # spring that Fig. 23 compares with MECHANISM
+LINEAR = ig.SpringDamper(stiffness=50.0, damping_ratio=1.0)  # spring that Fig. 23 compares with BISTABLE
 
 
 def scene(

@@ -128,26 +128,18 @@ def fly(A: Vector, z: Vector, t: float, t_end: float) -> tuple[float, Vector, bo
     n = ceil(max(8, 5 * (t_end - t) * np.abs(np.linalg.eigvals(A)).max()))  # at least 5 steps per time constant
     h = (t_end - t) / n
     P = expm(A * h)
+
+    def element(s: float, z: Vector, k: int) -> float:
+        return float((expm(A * s) @ z)[k])
+
     for i in range(n):
         z_next = P @ z
-        s = _first_rise(A, z, z_next, h)
-        if s is not None:
-            return t + i * h + s, expm(A * s) @ z, True
+        turns = z[1] * z_next[1] < 0  # then z[0] may rise above zero and fall again in this step
+        if turns or z_next[0] > 0:
+            marks = [0.0, brentq(element, 0, h, (z, 1), 1e-18, **TIGHT), h] if turns else [0.0, h]
+            for low, high in pairwise(marks):
+                if element(low, z, 0) <= 0 < element(high, z, 0):
+                    s = float(brentq(element, low, high, (z, 0), 1e-18, **TIGHT))
+                    return t + i * h + s, expm(A * s) @ z, True
         z = z_next
     return t_end, z, False
-
-
-def _first_rise(A: Vector, z: Vector, z_next: Vector, h: float) -> float | None:
-
-    def state(s: float, i: int) -> float:
-        return float((expm(A * s) @ z)[i])
-
-    marks = [0.0, h]
-    if z[1] * z_next[1] < 0:
-        marks.insert(1, brentq(state, 0, h, args=(1,), xtol=1e-18, **TIGHT))
-    elif z_next[0] <= 0:
-        return None
-    for a, b in pairwise(marks):
-        if state(a, 0) <= 0 < state(b, 0):
-            return float(brentq(state, a, b, args=(0,), xtol=1e-18, **TIGHT))
-    return None

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from functools import cache
-from math import exp, hypot, log, log1p, sqrt
+from math import exp, hypot, log, sqrt
 from typing import Any
 
 import numpy as np
@@ -33,35 +33,16 @@ def damping_factor(name: str, e: float, m: float, n: float) -> float:
         return CLOSURES[name](e)
     if name not in ("exact", "fixed"):  # "fixed" is "exact" at the reference velocity
         raise ValueError(f"reference: dissipation must be one of {[*CLOSURES, 'exact', 'fixed']}, got {name!r}")
-    if e == 1:
-        return 0.0
-    return _equal_exponents(e) if m == n else _unequal_exponents(e, m, n)
-
-
-def _equal_exponents(e: float) -> float:
-    """Return the root d > 0 of ln((1+d)/(1-d e)) = d (1+e); `excess` has this root, but not the root d = 0."""
-
-    def phi(z: float) -> float:  # (ln(1+z) - z)/z^2
-        if abs(z) > 0.1:
-            return (log1p(z) - z) / z**2
-        return float(sum((-1) ** (k + 1) * z ** (k - 2) / k for k in range(2, 20)))
-
-    def excess(d: float) -> float:
-        return phi(d) - e**2 * phi(-d * e)
-
-    limit = (1 - 1e-15) / e
-    # at the root, 1 - d e is about (1 + 1/e) exp(-1 - 1/e), below 1e-15 for e < 0.0269; the root is then 1/e
-    return float(brentq(excess, 0.0, limit, xtol=1e-300, rtol=1e-15)) if excess(limit) > 0 else 1 / e
+    return _exact_factor(e, m, n) if e < 1 else 0.0
 
 
 @cache
-def _unequal_exponents(e: float, m: float, n: float) -> float:
+def _exact_factor(e: float, m: float, n: float) -> float:
     upper = 1.0
     while _isolated_restitution(upper, m, n) > e:
         upper *= 4
-    return exp(
-        brentq(lambda x: log(_isolated_restitution(exp(x), m, n) / e), log((1 - e) / 10), log(upper), xtol=1e-13)
-    )
+    ends = log((1 - e) / 10), log(upper)
+    return exp(brentq(lambda x: log(_isolated_restitution(exp(x), m, n) / e), *ends, xtol=1e-13))
 
 
 def _isolated_restitution(d: float, m: float, n: float) -> float:
@@ -85,18 +66,12 @@ def _isolated_restitution(d: float, m: float, n: float) -> float:
 
 def robot_law(robot: Any) -> RobotLaw:
     """Return the law of a robot: fixed parameters, or a spline of a table, constant beyond its ends (paper, eq. 16)."""
+    parameters = robot.mass, robot.stiffness, robot.damping
     if not hasattr(robot, "position"):
-        constant = (float(robot.mass), float(robot.stiffness), float(robot.damping))
-        return lambda _: constant
+        return lambda _: parameters
     low, high = robot.position[0], robot.position[-1]
-    columns = np.column_stack((robot.mass, robot.stiffness, robot.damping))
-    spline = CubicSpline(robot.position, columns, bc_type="not-a-knot")
-
-    def of_table(x_r: float) -> tuple[float, float, float]:
-        m_r, k_r, c_r = spline(min(max(x_r, low), high)).tolist()
-        return m_r, k_r, c_r
-
-    return of_table
+    spline = CubicSpline(robot.position, np.column_stack(parameters), bc_type="not-a-knot")
+    return lambda x_r: spline(min(max(x_r, low), high)).tolist()
 
 
 class BistableForce:
@@ -107,16 +82,16 @@ class BistableForce:
     """
 
     def __init__(self, coupling: Any, tool_mass: float) -> None:
-        self.k, self.L0, self.H = float(coupling.stiffness), float(coupling.free_length), float(coupling.height)
-        self.k_s = float(coupling.stop_stiffness)
-        self.c_s = float(2 * coupling.stop_damping_ratio * sqrt(self.k_s * tool_mass))
-        tight = {"xtol": 1e-300, "rtol": 4 * np.finfo(float).eps}
+        self.k, self.L0, self.H = coupling.stiffness, coupling.free_length, coupling.height
+        self.k_s, self.steepest = coupling.stop_stiffness, self.k * (self.L0 / self.H - 1)  # N/m
+        self.c_s = 2 * coupling.stop_damping_ratio * sqrt(self.k_s * tool_mass)
         # the force of the spring is below k L0 for x > 0, so the stop balances it at a penetration below k L0 / k_s
         limits = (0.0, self.k * self.L0 / self.k_s)
-        held = brentq(lambda p: self.spring(coupling.front_stop + p) - self.k_s * p, *limits, **tight)
-        self.p_front = float(held)  # m, penetration of the front stop at rest
-        self.x0 = float(coupling.front_stop + self.p_front)  # m, from the alignment to the slider at rest
-        self.p_rear = float(coupling.rear_stop - self.x0)  # m, penetration of the rear stop at u = 0, below 0
+        tight = {"xtol": 1e-300, "rtol": 4 * np.finfo(float).eps}
+        # m, penetration of the front stop at rest
+        self.p_front = brentq(lambda p: self.spring(coupling.front_stop + p) - self.k_s * p, *limits, **tight)
+        self.x0 = coupling.front_stop + self.p_front  # m, from the alignment to the slider at rest
+        self.p_rear = coupling.rear_stop - self.x0  # m, penetration of the rear stop at u = 0, below 0
 
     def spring(self, x: float) -> float:
         """Return the force (N) of the spring on the tool, with the slider at x (m) from its alignment."""
@@ -147,9 +122,10 @@ class StoppedSpring(BistableForce):
     """A linear spring and damper with stops at both ends of the travel, like those of `BistableForce`."""
 
     def __init__(self, coupling: Any, tool_mass: float, stop_stiffness: float = 1e5, stop_damping: float = 1.0) -> None:
-        self.k, self.c = float(coupling.stiffness), 2 * coupling.damping_ratio * sqrt(coupling.stiffness * tool_mass)
+        self.k = self.steepest = coupling.stiffness
+        self.c = 2 * coupling.damping_ratio * sqrt(self.k * tool_mass)
         self.k_s, self.c_s = stop_stiffness, 2 * stop_damping * sqrt(stop_stiffness * tool_mass)
-        self.x0, self.p_front, self.p_rear = 0.0, -float(coupling.stroke), -float(coupling.stroke)
+        self.x0, self.p_front, self.p_rear = 0.0, -coupling.stroke, -coupling.stroke
 
     def spring(self, x: float) -> float:
         """Return the force of the spring alone (N)."""

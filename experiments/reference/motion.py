@@ -6,7 +6,7 @@ from time import thread_time
 
 import numpy as np
 
-from experiments.reference.chain import UNITS, Chain, Scales, System
+from experiments.reference.chain import Chain
 from experiments.reference.integration import Switch, Vector, advance, fly
 
 FLIGHT_RTOL, FLIGHT_ATOL = 1e-12, 1e-16  # -, m: relative and absolute tolerance in flights without a closed form
@@ -41,7 +41,7 @@ class Motion:
         self.chain, self.command, self.rtol, self.method = chain, chain.command, rtol, method
         self.floor = floor
         self.t = 0.0  # s
-        self.peak_force = 0.0  # N
+        self.peak_force = self._peak = 0.0  # N, largest force of all contacts, and of the current or last one
         self.unread_force = 0.0  # N, largest force since the last reading of the sensor
         self.records: list[ContactRecord] = []
         self.past_impulse = 0.0  # N s, impulse of the contact force on the object, in past contacts
@@ -54,31 +54,25 @@ class Motion:
         self.fastest = max(chain.slow_rate, chain.stop_rate)  # 1/s, limits the steps, see the docstring of the class
         # at a stop, rounding of the position causes an error of the velocity; the tolerance must be above this error
         self.flight_atol = FLIGHT_ATOL * np.tile([1.0, max(1.0, chain.stop_rate)], 4)
-        self._go_on(UNITS, np.array([-distance, 0.0, 0.0, 0.0, 0.0, 0.0]), touching=False)
-
-    @property
-    def state(self) -> Vector:
-        """The first six elements of the state y (see `experiments.reference.chain`), in SI units."""
-        return self._y[:6] * self._system.scales.state
+        self.state = np.array([-distance] + [0.0] * 7)  # y of `experiments.reference.chain`, SI
 
     @property
     def touching(self) -> bool:
         """Whether a contact is under way."""
-        return self._system.touching
+        return self.chain.scales is not None
 
     @property
     def force(self) -> float:
         """Contact force, N."""
-        return float(self._system.force(self._y) * self._system.scales.force)
+        return self.chain.force(self.state)
 
     @property
     def object_velocity(self) -> float:
         """Velocity of the object, m/s."""
         if self.chain.friction:
-            _, rate, _, u_dot, _, w_dot = self.state.tolist()
-            return float(self.command.at(self.t)[1] - w_dot - u_dot - rate) if self.chain.on["sliding"] else 0.0
-        scales = self._system.scales
-        return float((self.past_impulse + scales.force * scales.time * self._y[6]) / self.chain.m_p)
+            relative = float(self.state[[1, 3, 5]].sum())
+            return self.command.at(self.t)[1] - relative if self.chain.on["sliding"] else 0.0
+        return float(self.past_impulse + self.state[6]) / self.chain.m_p
 
     def advance(self, until: float) -> None:
         """Advance to `until` (s), or to the time at which the contact force first exceeds the threshold."""
@@ -95,37 +89,24 @@ class Motion:
     def note_contact(self, end: float | None) -> None:
         """Record the current contact, which ends at `end` (s), or is unfinished (None)."""
         v_out = None if end is None else -float(self.state[1])
-        scales = self._system.scales
-        impulse, coupling_impulse = (scales.force * scales.time * self._y[6:]).tolist()
+        impulse, coupling_impulse = self.state[6:].tolist()
+        self.state[6:] = 0.0
         self.past_impulse += impulse
         self.coupling_impulse += coupling_impulse
-        v_p = self.object_velocity if self.chain.friction else self.past_impulse / self.chain.m_p
         start, v_in = self.onsets[-1]
-        self.records.append(ContactRecord(start, end, v_in, v_out, self._peak, impulse, v_p))
-
-    def _go_on(self, scales: Scales, z: Vector, touching: bool, damping: float = 0.0) -> None:
-        self._system = System(self.chain, scales, touching, damping)
-        self._y = np.append(z / scales.state, [0.0, 0.0])
-
-    def _touch(self) -> None:
-        z, v_in = self.state, float(self.state[1])
-        self.onsets.append((self.t, v_in))
-        self._peak = 0.0
-        v_in = max(v_in, self.floor)
-        self._go_on(self.chain.contact_scales(self.t, v_in), z, touching=True, damping=self.chain.damping(self.t, v_in))
+        self.records.append(ContactRecord(start, end, v_in, v_out, self._peak, impulse, self.object_velocity))
 
     def _advance_phase(self, until: float) -> None:
-        system = self._system
-        t_stop = min(system.enter(self.t), until)
+        t_stop = min(self.chain.enter(self.t), until)
         if self.chain.linear and not self.touching:
-            self.t, z, met = fly(system.matrix(), np.append(self.state, 1.0), self.t, t_stop)
-            self._y[:6] = z[:6]
+            self.t, z, met = fly(self.chain.matrix(), np.append(self.state[:6], 1.0), self.t, t_stop)
+            self.state[:6] = z[:6]
             if met:
                 self._turn("touching")
             return
         before = self.force
-        tau, self._y, switch = self._integrate((t_stop - self.t) / system.scales.time)
-        self.t = t_stop if switch is None else self.t + tau * system.scales.time
+        tau, self.state, switch = self._integrate(t_stop - self.t)
+        self.t = t_stop if switch is None else self.t + tau
         if self.touching:  # in a phase the force only rises or only falls
             self._peak = max(self._peak, before, self.force)
             self.peak_force = max(self.peak_force, self._peak)
@@ -136,16 +117,18 @@ class Motion:
 
     def _turn(self, name: str) -> None:
         if name == "touching":
-            self._y[0] = 0.0
-            if not self.touching:
-                self._touch()
-                return
-            self.note_contact(self.t)
-            self._go_on(UNITS, self.state, touching=False)
+            if self.touching:
+                self.note_contact(self.t)
+                self.chain.begin(self.t, None)
+            else:
+                self.onsets.append((self.t, float(self.state[1])))
+                self._peak = 0.0
+                self.chain.begin(self.t, max(self.onsets[-1][1], self.floor))
+            self.state[[0, 6, 7]] = 0.0
             return
         on = self.chain.on
         if name == "sliding" and on[name]:
-            self._y[1] += self.object_velocity * self._system.scales.time / self._system.scales.length  # object at rest
+            self.state[1] += self.object_velocity  # object at rest
         if name in on:
             on[name] = not on[name]
             self.stop_hits += name in ("front", "rear") and on[name]
@@ -159,11 +142,8 @@ class Motion:
             on["gaining"] = True
 
     def _integrate(self, end: float) -> tuple[float, Vector, Switch | None]:
-        if not self.touching:
-            return self._by(self.flight_method, end, FLIGHT_RTOL, self.flight_atol)
-        return self._by(self.method, end, self.rtol, np.full(8, self.rtol / 100))
-
-    def _by(self, method: str, end: float, rtol: float, atol: Vector) -> tuple[float, Vector, Switch | None]:
-        stride = 1 / self.fastest if self.fastest else inf  # s, longest step
-        switches, longest_step = self._system.switches(), stride / self._system.scales.time
-        return advance(self._system, end, self._y, switches, method, rtol, atol, longest_step)
+        chain, options = self.chain, (self.flight_method, FLIGHT_RTOL, self.flight_atol)
+        if chain.scales is not None:
+            options = self.method, self.rtol, self.rtol / 100 * chain.scales.state
+        longest_step = 1 / self.fastest if self.fastest else inf
+        return advance(chain, end, self.state, chain.switches(), *options, longest_step)

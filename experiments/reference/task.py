@@ -1,31 +1,25 @@
 """The environment, computed with the independent solver and written from the specification in `impact_gym.envs.single`.
 
-From `impact_gym` this module imports only task options, constants, observation scales, scenarios and random numbers.
-Set OPENBLAS_NUM_THREADS=1: with more threads, small products of matrices make an episode up to 25 times as long.
+From `impact_gym` this module imports only scene, task, constants, observation scales and random numbers. It has no
+operator, no range sensor, no noise of the force and no ranges of the set-up; friction only with a rigid robot and a
+coupling without stops. Set OPENBLAS_NUM_THREADS=1: more threads make small products of matrices up to 25 times as slow.
 """
 
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import cos, inf, log, log1p, pi, sqrt
-from types import SimpleNamespace as Record
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+import impact_gym as ig
 from experiments.reference.chain import Chain
 from experiments.reference.command import Command
 from experiments.reference.motion import Motion
-from impact_gym.couplings import Bistable
-from impact_gym.task import ObservationSpec, Task, evaluation_sets
+from impact_gym.task import ObservationSpec, Task
 from impact_gym.task.episodes import first_uniforms
-from impact_gym.task.scenario import FIELDS
 from impact_gym.task.task import SETTLE_LIMIT
 
-SERVED = (
-    "coupling", "tool_mass", "robot", "reaction_delay", "control_period", "alarm", "alarm_threshold", "dissipation",
-    "range_noise", "range_bias", "observe_range_noise", "deflection_sensor", "privileged", "velocity_range",
-    "acceleration_range", "friction", "reference_velocity", "horizon", "after_alarm",
-)  # fmt: skip
 RTOL = 1e-10  # relative tolerance in contacts
 FLOOR = 1e-12  # m/s, `Motion.floor`, as in the environment
 ROUNDING = 1e-9  # s, allowed rounding error of a time
@@ -34,83 +28,38 @@ CURVES: dict[str, Callable[[float], float]] = {"linear": float, "log": log, "log
 
 
 class Outcome(NamedTuple):
-    """Result of an episode; the fields have the same meaning as in the environment's last `info`."""
+    """Result of an episode; the numbers have the same meaning as in the environment's last `info`."""
 
+    observations: NDArray[np.float32]  # (steps, n_obs), without the last one
     object_velocity: float  # m/s, V_p
     approach_time: float  # s
     peak_force: float  # N
     contact_count: int
-    missed: bool
 
 
-def play(controller: Any, scenario: Mapping[str, float], *, options: Mapping[str, Any], time_weight: float) -> Outcome:
-    """Play one episode of a scenario: object_mass (kg), contact_stiffness (N/m^1.5), restitution, distance (m).
+def play(
+    task: Task, scenario: Mapping[str, float], actions: Iterable[Sequence[float]], seed: int | None = None
+) -> Outcome:
+    """Play actions, each two numbers from -1 to 1, until the episode ends.
 
-    The controller has the method `predict` of stable-baselines3. `options` are arguments of the environment.
-    `time_weight` (m/s per s) only enters observations. The distance estimate is exact. ValueError: unsupported option.
+    `scenario`: object_mass (kg), contact_stiffness (N/m^1.5), restitution, distance (m). The time weight is 1. `seed`
+    of the estimated distance; None: the estimate is exact.
     """
-    return _together(controller, [_episode(task_of(options), scenario, time_weight, scenario["distance"])])[0]
-
-
-def rescore(
-    controller: Any, frozen: str, numbers: Sequence[int], options: Mapping[str, Any], time_weight: float
-) -> dict[str, NDArray[Any]]:
-    """Play the scenarios `numbers` of a frozen set; return an array (numbers,) for each field of `Outcome`."""
-    task, scenarios = task_of(options), evaluation_sets.load(frozen)
-    episodes = []
-    for k in numbers:
-        if not 0 <= k < scenarios.count:
-            raise ValueError(f"numbers must be scenarios of the set, 0 to {scenarios.count - 1}, got {k}")
-        scenario = {name: float(scenarios.scenario[name][k]) for name in FIELDS}
-        uniforms = first_uniforms(scenarios.seed + k, 1)[0]
+    tool, target = ig.Tool(task.tool_mass), ig.Object(scenario["object_mass"], scenario["distance"], task.friction)
+    law: dict[str, Any] = {"dissipation": task.dissipation, "reference_velocity": task.reference_velocity}
+    contact = ig.Contact(scenario["contact_stiffness"], scenario["restitution"], **law)
+    command = Command(threshold=task.alarm_threshold)
+    chain = Chain(ig.Scene(tool, target, contact, task.coupling, task.robot), command)
+    motion = Motion(chain, scenario["distance"], RTOL, floor=FLOOR)
+    delay, now, estimate = float(task.reaction_delay), 0.0, scenario["distance"]
+    if seed is not None:
+        uniforms = first_uniforms(seed, 1)[0]
         normal = sqrt(-2 * log1p(-uniforms[5])) * cos(2 * pi * uniforms[6])  # Box-Muller transform
-        estimate = scenario["distance"] + task.range_bias + (task.range_noise or 0.0) * normal
-        episodes.append(_episode(task, scenario, time_weight, estimate))
-    outcomes = _together(controller, episodes)
-    return {name: np.array([getattr(outcome, name) for outcome in outcomes]) for name in Outcome._fields}
-
-
-def task_of(options: Mapping[str, Any]) -> Task:
-    """Return the task with these options; ValueError: the reference does not support an option."""
-    other = [name for name in options if name not in SERVED]
-    if other:
-        raise ValueError(f"the reference does not support the options {other}; it supports {list(SERVED)}")
-    task = Task(**options)
-    if isinstance(task.reaction_delay, tuple):
-        raise ValueError(f"the reference supports a number as reaction_delay, not a range, got {task.reaction_delay}")
-    if task.drawn:
-        raise ValueError(f"the reference supports fixed numbers, not ranges, got ranges of {list(task.drawn)}")
-    if task.friction and (task.robot or isinstance(task.coupling, Bistable) or getattr(task.coupling, "stroke", None)):
-        raise ValueError("the reference supports friction only with a rigid robot and a coupling without stops")
-    return task
-
-
-Episode = Generator[NDArray[np.float32], Sequence[float], Outcome]
-
-
-def _together(controller: Any, episodes: Sequence[Episode]) -> list[Outcome]:
-    outcomes: dict[int, Outcome] = {}
-    observations = np.array([next(episode) for episode in episodes])
-    start, state = np.ones(len(episodes), np.bool_), None
-    while len(outcomes) < len(episodes):
-        actions, state = controller.predict(observations.copy(), state=state, episode_start=start, deterministic=True)
-        for row, episode in enumerate(episodes):
-            if row not in outcomes:
-                try:
-                    observations[row] = episode.send(actions[row])
-                except StopIteration as end:
-                    outcomes[row] = end.value
-        start = np.zeros(len(episodes), np.bool_)
-    return [outcomes[row] for row in range(len(episodes))]
-
-
-def _episode(task: Task, scenario: Mapping[str, float], weight: float, estimate: float) -> Episode:
-    motion = _at_rest(task, scenario)
-    command, delay, now = motion.command, task.reaction_delay, 0.0
+        estimate += task.range_bias + (task.range_noise or 0.0) * normal
     sensed = {0.0: (0.0, 0.0, 0.0)}  # by time (s): force (N), peak force (N), deflection (m)
     by_reading, raised, heard_until = task.alarm == "reading", inf, 0.0
-    spec = ObservationSpec(task)
-    while True:
+    spec, observations = ObservationSpec(task), []
+    for action in actions:
         received = {at: reading for at, reading in sensed.items() if at <= max(now - delay, 0.0) + ROUNDING}
         if by_reading:
             raised = inf if now > raised + task.after_alarm - ROUNDING else raised
@@ -118,9 +67,15 @@ def _episode(task: Task, scenario: Mapping[str, float], weight: float, estimate:
             raised, heard_until = min(raised, now if above else inf), max(received)
         elif command.detection_time is not None:
             raised = command.detection_time + delay
-        flange = command.at(motion.t)[:2]
-        reading = list(received.values())[-1]
-        action = yield _observe(spec, task, scenario, weight, estimate, now, raised, reading, flange)
+        x, v, *_ = command.at(motion.t)
+        force, peak, deflection = list(received.values())[-1]
+        heard = now > raised - ROUNDING
+        observations.append(_scaled(spec, {
+            "position": x, "velocity": v, "time": now, "alarm": float(heard), "force": force, "force_peak": peak,
+            "time_since_alarm": now - raised if heard else 0.0, "time_weight": 1.0, "distance_estimate": estimate - x,
+            "range_noise": task.range_noise, "deflection": deflection, "reaction_delay": delay,
+            **scenario, "distance": scenario["distance"] - x,
+        }))  # fmt: skip
         velocity, acceleration = (
             round(low + (min(max(float(share), -1.0), 1.0) + 1) / 2 * (high - low), 6)
             for share, (low, high) in zip(action, (task.velocity_range, task.acceleration_range), strict=True)
@@ -128,8 +83,7 @@ def _episode(task: Task, scenario: Mapping[str, float], weight: float, estimate:
         command.steer(motion.t, velocity, acceleration)
         while True:
             detected = command.detection_time
-            alarm = inf if detected is None else detected + delay
-            times = _observation_times(task, alarm, by_reading)
+            times = _observation_times(task, inf if detected is None else detected + delay, by_reading)
             due = min(at for at in times if at > now + ROUNDING)
             if motion.t > due - ROUNDING:
                 break
@@ -143,27 +97,14 @@ def _episode(task: Task, scenario: Mapping[str, float], weight: float, estimate:
         now = due
         if due == times[-1]:
             break
-    missed, end = not motion.onsets, motion.t + SETTLE_LIMIT
+    end, approach_time = motion.t + SETTLE_LIMIT, task.horizon
     command.steer(motion.t, 0.0, task.acceleration_range[1])
-    while motion.t < end and not missed:
-        motion.advance(end)
-    approach_time = task.horizon if missed else min(motion.onsets[0][0], task.horizon)
-    kept = motion.top_speed if motion.chain.friction else motion.object_velocity
-    return Outcome(kept, approach_time, motion.peak_force, len(motion.onsets), missed)
-
-
-def _at_rest(task: Task, scenario: Mapping[str, float]) -> Motion:
-    law = {"restitution": scenario["restitution"], "dissipation": task.dissipation}
-    law["reference_velocity"] = task.reference_velocity
-    scene = Record(
-        tool=Record(mass=task.tool_mass),
-        object=Record(mass=scenario["object_mass"], friction=task.friction),
-        contact=Record(stiffness=scenario["contact_stiffness"], **law),
-        coupling=task.coupling,
-        robot=task.robot,
-    )
-    chain = Chain(scene, Command(threshold=task.alarm_threshold))
-    return Motion(chain, scenario["distance"], RTOL, floor=FLOOR)
+    if motion.onsets:
+        approach_time = min(motion.onsets[0][0], task.horizon)
+        while motion.t < end:
+            motion.advance(end)
+    velocity = motion.top_speed if chain.friction else motion.object_velocity
+    return Outcome(np.array(observations), velocity, approach_time, motion.peak_force, len(motion.onsets))
 
 
 def _observation_times(task: Task, alarm: float, by_reading: bool) -> list[float]:
@@ -174,23 +115,11 @@ def _observation_times(task: Task, alarm: float, by_reading: bool) -> list[float
     return before + [start + k * period for k in range(1, 1 + int((end - ROUNDING - start) / period))] + [end]
 
 
-def _observe(
-    spec: ObservationSpec, task: Task, scenario: Mapping[str, float], weight: float, estimate: float, now: float,
-    alarm: float, reading: tuple[float, float, float], flange: Sequence[float],
-) -> NDArray[np.float32]:  # fmt: skip
-    heard = now > alarm - ROUNDING
-    x, v = flange
-    force, peak, deflection = reading
-    values = {
-        "position": x, "velocity": v, "time": now, "alarm": float(heard),
-        "time_since_alarm": now - alarm if heard else 0.0, "force": force, "force_peak": peak, "time_weight": weight,
-        "distance_estimate": estimate - x, "range_noise": task.range_noise, "deflection": deflection,
-        **scenario, "distance": scenario["distance"] - x, "reaction_delay": task.reaction_delay,
-    }  # fmt: skip
+def _scaled(spec: ObservationSpec, values: Mapping[str, Any]) -> NDArray[np.float32]:
     scaled = []
     for entry in spec.entries:
         scale = entry.scale
         value, low, high = map(CURVES[scale.curve], (values[entry.id], scale.low, scale.high))
-        place = scale.scaled_low + (1.0 - scale.scaled_low) * ((value - low) / (high - low))
-        scaled.append(min(1.0, max(scale.scaled_low, place)))
+        position = scale.scaled_low + (1.0 - scale.scaled_low) * ((value - low) / (high - low))
+        scaled.append(min(1.0, max(scale.scaled_low, position)))
     return np.array(scaled, np.float32)

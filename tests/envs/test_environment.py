@@ -18,7 +18,7 @@ from agents.evaluate.scenario_batch import ScenarioBatch
 from agents.setups import load_setup
 from experiments.reference import task as slow
 from impact_gym.envs.batch import Batch
-from impact_gym.task import Task
+from impact_gym.task import Task, evaluation_sets
 from impact_gym.task.range_sensor import RangeSensor
 
 COUPLINGS = [PAPERS_SPRING, ig.SpringDamper(150.0, 0.2), ig.Rigid(), ig.Bistable()]
@@ -100,20 +100,20 @@ RIPPLING = json.loads((Path(__file__).parents[1] / "helpers" / "rippling_scenes.
 def test_random_actions_give_what_the_reference_gives(frozen, options, velocity_error):
     rows = 2
     actions = np.random.default_rng(3).uniform([-0.8, -1.0], [1.2, 1.0], (1000, rows, 2)).astype(np.float32)
-    controllers = Given(actions), Given(actions)
-    ours = ScenarioBatch.of(frozen, rows, Task(**options), time_weight=[1.0]).play(controllers[0])
-    theirs = slow.rescore(controllers[1], frozen, range(rows), options, 1.0)
-    assert np.array_equal(theirs["contact_count"], ours.contact_count)
-    assert theirs["object_velocity"] == pytest.approx(ours.object_velocity, rel=0, abs=velocity_error)
-    assert theirs["approach_time"] == pytest.approx(ours.approach_time, rel=0, abs=1e-9)
-    assert theirs["peak_force"] == pytest.approx(ours.peak_force, rel=1e-6)
-    expected, seen = (np.array(controller.seen) for controller in controllers)
-    assert len(expected) == len(seen)
+    controller, task, scenarios = Given(actions), Task(**options), evaluation_sets.load(frozen)
+    ours = ScenarioBatch.of(frozen, rows, task, time_weight=[1.0]).play(controller)
+    seen = np.array(controller.seen)
     assert seen.dtype == np.float32
-    for row in range(rows):  # after its end, the reference repeats the observation before the last step
-        count = 1 + np.count_nonzero(np.diff(seen[:, row, 2]))
-        assert 0.24 / options.get("control_period", 0.016) < count <= len(seen)
-        assert seen[:count, row] == pytest.approx(expected[:count, row], rel=0, abs=1.3e-7)  # bits of a float32
+    for row in range(rows):
+        scenario = {name: float(column[row]) for name, column in scenarios.scenario.items()}
+        theirs = slow.play(task, scenario, actions[:, row], scenarios.seed + row)
+        assert ours.contact_count[row] == theirs.contact_count
+        assert ours.object_velocity[row] == pytest.approx(theirs.object_velocity, rel=0, abs=velocity_error)
+        assert ours.approach_time[row] == pytest.approx(theirs.approach_time, rel=0, abs=1e-9)
+        assert ours.peak_force[row] == pytest.approx(theirs.peak_force, rel=1e-6)
+        count = len(theirs.observations)
+        assert 0.24 / task.control_period < count <= len(seen)
+        assert seen[:count, row] == pytest.approx(theirs.observations, rel=0, abs=1.3e-7)  # bits of a float32
 
 
 @pytest.mark.parametrize("episode", RIPPLING, ids=["once", "twice"])
@@ -125,7 +125,7 @@ def test_contact_whose_force_is_0_twice_in_a_step_ends(episode):
     task = Task(**setup).at(drawn)
     fixed = {name: getattr(task, name) for name in ("tool_mass", "coupling", "robot", "alarm", "alarm_threshold")}
     fixed["reaction_delay"] = drawn["reaction_delay"]
-    expected = slow.play(Given([*actions[:, None], actions[-1:]]), drawn, options=fixed, time_weight=1.0)
+    expected = slow.play(Task(**fixed), drawn, actions)
     assert info["object_velocity"] == pytest.approx(expected.object_velocity, abs=1e-6)
     assert info["contact_count"] == expected.contact_count
 

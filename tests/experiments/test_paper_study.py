@@ -37,13 +37,13 @@ def judged_by(model, figure):
     found = {}
     with suppress(LookupError, TypeError, ValueError):  # without a contact, later statements are missing
         for statement in FIGURES[figure].statements(frame_of([({}, FIGURES[figure].measure(WRONG[model]))])):
-            found[statement.name] = statement.verdict
+            found[statement.finding.name] = statement.verdict
     return found
 
 
 @pytest.mark.parametrize("figure", FIGURES)
 def test_a_wrong_model_has_the_opposite_verdict(figure):
-    statements = {each.name: each for each in FIGURES[figure].statements(frame(FIGURES[figure].measure))}
+    statements = {each.finding.name: each for each in FIGURES[figure].statements(frame(FIGURES[figure].measure))}
     wrong = {model: judged_by(model, figure) for model in {each.wrong for each in statements.values()} - {""}}
     for name, statement in statements.items():
         expected = APART.get(figure, {}).get(name, Verdict.AGREES)

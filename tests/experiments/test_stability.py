@@ -1,8 +1,7 @@
-"""Solvers: 34 digits, rivals, ratios; the storm covers its ranges and finds planted faults."""
+"""Solvers: 34 digits, rivals, ratios; random approaches cover their ranges, and the checks find planted faults."""
 
 import math
 import sys
-from dataclasses import replace
 
 import polars as pl
 import pytest
@@ -10,10 +9,10 @@ from solver_scenes import COUPLINGS, MOTION, ROBOTS, scene
 
 import impact_gym as ig
 from experiments.studies import speed, stability
-from experiments.studies.solvers import approaches, contenders, taylor
+from experiments.studies.solvers import approaches, comparison, taylor
 from experiments.studies.solvers.approaches import Approach, Solution
-from experiments.studies.solvers.contenders import HEYOKA, OURS, SCIPY
-from experiments.studies.stability import storm
+from experiments.studies.solvers.comparison import HEYOKA, OURS, SCIPY
+from experiments.studies.stability import checks
 
 NAMED = approaches.named()
 
@@ -21,8 +20,9 @@ NAMED = approaches.named()
 @pytest.mark.parametrize("name", NAMED)
 def test_named_approaches_agree_with_34_digits(name):
     heyoka = pytest.importorskip("heyoka")
-    exact = taylor.TaylorApproach(*NAMED[name].run, 1e-30, heyoka.real128).solve()
-    ours, _ = contenders.solved(NAMED[name], OURS, 1e-13)
+    _, approach = NAMED[name]
+    exact = taylor.TaylorApproach(*approach, 1e-30, heyoka.real128).solve()
+    ours, _ = comparison.solved(approach, OURS, 1e-13)
     assert (ours.contacts, ours.passes) == (exact.contacts, exact.passes)
     for found in ("velocity", "detection_time"):
         assert getattr(ours, found) == pytest.approx(float(getattr(exact, found)), rel=0.0, abs=1e-13)
@@ -31,31 +31,29 @@ def test_named_approaches_agree_with_34_digits(name):
 def test_a_rival_that_is_missing_or_fails_is_a_row(monkeypatch):
     monkeypatch.setitem(sys.modules, HEYOKA, None)
     taylor.integrator.cache_clear()
-    (row,) = contenders.true_row("stiff")
-    truth = {name: row[name] for name in ("velocity", "detection_time", "contacts")}
-    ours, *failed = contenders.timed("stiff", truth, [(OURS, 1e-6), (f"{SCIPY} Euler", 1e-6), (HEYOKA, 1e-6)], rounds=2)
+    ours, *failed = comparison.timed("stiff", [(OURS, 1e-6), (f"{SCIPY} Euler", 1e-6), (HEYOKA, 1e-6)], rounds=2)
     assert ours["failure"] == ""
     assert 0.0 < ours["microseconds"] < math.inf
     assert ours["velocity_error"] < 1e-6
     for row, reason in zip(failed, ("ValueError", "ModuleNotFoundError"), strict=True):
-        assert row["failure"].startswith(f"{contenders.GAVE_UP}: {reason}")
+        assert row["failure"].startswith(f"{comparison.GAVE_UP}: {reason}")
         assert row["microseconds"] == math.inf
 
 
 def test_failure_names_the_error_of_a_solution():
     exact = Solution(1.0, 10.0, 0.1, 0.3, contacts=2, passes=1)
     for name, value, kind in (
-        ("velocity", 1.009, ""), ("velocity", 1.011, contenders.WRONG), ("velocity", math.nan, contenders.NOT_FINITE),
-        *((name, value, contenders.MISCOUNTED) for name, value in
+        ("velocity", 1.009, ""), ("velocity", 1.011, comparison.WRONG), ("velocity", math.nan, comparison.NOT_FINITE),
+        *((name, value, comparison.MISCOUNTED) for name, value in
           (("contacts", 1), ("passes", 0), ("detection_time", math.nan))),
     ):  # fmt: skip
-        assert contenders.failure(replace(exact, **{name: value}), exact, contenders.TOO_WRONG) == kind
+        assert comparison.failure(exact._replace(**{name: value}), exact, comparison.TOO_WRONG) == kind
 
 
 def test_ratio_is_of_the_two_times_in_its_row():
     rows = [[HEYOKA, *each] for each in ((1e-3, 10.0, 1e-9), (1e-4, 100.0, 1e-5), (1e-5, 1e3, 1e-7))]
     rows.append([OURS, 1e-6, 50.0, 1e-8])
-    rows = pl.DataFrame(rows, ["contender", "setting", "microseconds", "velocity_error"], orient="row")
+    rows = pl.DataFrame(rows, ["solver", "setting", "microseconds", "velocity_error"], orient="row")
     times = rows.with_columns(failure=pl.lit(""), scene=pl.lit("soft"), description=pl.lit("one"))
     no = "not reached"
     for error, cells in ((1e-4, ["50", "10", no, "0.2", "-"]), (1e-6, ["50", "1,000", no, "20", "-"]),
@@ -65,11 +63,11 @@ def test_ratio_is_of_the_two_times_in_its_row():
 
 
 def approach_of(coupling=None, robot=None, e=0.5, motion=MOTION):
-    return Approach("7", "planted", scene(1e5, e, coupling, robot), motion, 0.8)
+    return Approach(scene(1e5, e, coupling, robot), motion, 0.8)
 
 
-def test_storm_covers_its_ranges_by_number_alone():
-    drawn = [approaches.storm(number) for number in range(600)]
+def test_approaches_cover_their_ranges_by_number_alone():
+    drawn = [approaches.random_approach(number) for number in range(600)]
     scenes, contacts = [approach.scene for approach in drawn], [approach.scene.contact for approach in drawn]
     for name, values in {
         "contact stiffness": [contact.stiffness for contact in contacts],
@@ -82,7 +80,7 @@ def test_storm_covers_its_ranges_by_number_alone():
         assert (min(values), max(values)) == pytest.approx(approaches.RANGES[name], rel=1e-12)
     assert len({approaches.kind(each) for each in scenes[:9]}) == 9
     assert {(each.stiffness_exponent, each.damping_exponent) for each in contacts} == {*approaches.EXPONENTS}
-    assert [approaches.storm(number) for number in reversed(range(40))] == drawn[39::-1]
+    assert [approaches.random_approach(number) for number in reversed(range(40))] == drawn[39::-1]
     assert len({repr(each) for each in scenes}) == 600
 
 
@@ -99,17 +97,17 @@ def promises_broken(row):
 @pytest.mark.parametrize("e", [0.3, 1.0])
 def test_row_of_a_sound_run_breaks_no_promise(coupling, robot, e):
     approach = approach_of(COUPLINGS[coupling], ROBOTS[robot], e)
-    row = storm.row_of(approach)
+    row = checks.row_of(approach)
     assert row["traced"]
     assert (row["contacts"] > 0, promises_broken(row)) == (True, set())
-    if e == 1.0 and ig.simulate(*approach.run).contacts[-1].end is not None:
+    if e == 1.0 and ig.simulate(*approach).contacts[-1].end is not None:
         # nothing dissipates, so a finished contact returns all its energy
         assert abs(row["energy_created"]) < 1e-6 + row["energy_doubt"]
 
 
 @pytest.mark.parametrize("e", [0.1, 0.5, 0.9])
 def test_isolated_contact_loses_the_energy_of_its_restitution(e):
-    row = storm.row_of(approach_of(e=e, motion=ig.Trapezoid(1.0, 8.0)))
+    row = checks.row_of(approach_of(e=e, motion=ig.Trapezoid(1.0, 8.0)))
     assert row["energy_created"] == pytest.approx(ig.effective_restitution("hu-guo", e) ** 2 - 1.0, rel=1e-7)
 
 
@@ -139,31 +137,31 @@ def planted(**changes):
 ])  # fmt: skip
 @pytest.mark.parametrize("coupling", COUPLINGS)
 def test_row_of_a_planted_fault_breaks_its_promise(fault, promise, coupling):
-    row = storm.row_of(approach_of(COUPLINGS[coupling], e=1.0), planted(**fault))
+    row = checks.row_of(approach_of(COUPLINGS[coupling], e=1.0), planted(**fault))
     assert promise.text in promises_broken(row)
 
 
 def test_check_finds_an_object_slowed_between_two_contacts():
-    outcome = ig.simulate(*approach_of(ig.SpringDamper(150.0), e=1.0).run)
+    outcome = ig.simulate(*approach_of(ig.SpringDamper(150.0), e=1.0))
     first, second, *rest = outcome.contacts
     slowed = first, second._replace(object_velocity=first.object_velocity - 1e-6), *rest
-    assert storm.checked(approach_of().scene, outcome._replace(contacts=slowed))["pull"] > stability.PULL
+    assert checks.checked(approach_of().scene, outcome._replace(contacts=slowed))["pull"] > stability.PULL
 
 
 def test_failures_name_runs_that_stop_hang_or_do_not_settle():
-    row = storm.row_of(approach_of(ig.SpringDamper(150.0))) | {"milliseconds": 1.0}
+    row = checks.row_of(approach_of(ig.SpringDamper(150.0))) | {"milliseconds": 1.0}
     for name, value, promise in (("milliseconds", 50.1, stability.FAST), *(
         ("finer_change", change, stability.SETTLED) for change in (2e-6, math.nan, None))):  # fmt: skip
         assert {*stability.failures(frame_of(row | {name: value}))["promise"]} == {promise.text}
     for_ever = scene(1e12, 1.0, distance=1e-7)  # bounces of 0.2 ms
-    stopped = storm.row_of(Approach("7", "", for_ever, ig.Trapezoid(2000.0, 20.0), 20.0)) | {"milliseconds": 1.0}
-    hung = approaches.storm(3).about | {"failure": "no answer within 120 s"}
+    stopped = checks.row_of(Approach(for_ever, ig.Trapezoid(2000.0, 20.0), 20.0)) | {"milliseconds": 1.0}
+    hung = approaches.random_approach(3).about | {"failure": "no answer within 120 s"}
     broken = stability.failures(frame_of(row, stopped, hung))
     assert [row[:2] for row in broken.select("scene", "promise").rows()] == [(k, stability.ENDED.text) for k in (1, 2)]
 
 
 def test_agreement_finds_differences_and_counts_the_unknown():
-    ours, (truth,) = frame_of(storm.row_of(approaches.storm(5))), storm.truth_row(5)
+    ours, (truth,) = frame_of(checks.row_of(approaches.random_approach(5))), checks.truth_row(5)
     elsewhere, passed = {"velocity": truth["velocity"] * (1 + 3e-6)}, {"passes": truth["passes"] + 1}
     for change, apart in (({}, [False]), (elsewhere, [True]), (passed, [True]), ({"failure": "no answer"}, [])):
         found = stability.agreement(ours, frame_of(truth | change))

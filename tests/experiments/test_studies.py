@@ -19,10 +19,10 @@ from experiments.lab import results
 from experiments.lab import study as lab_study
 from experiments.lab.parts import Picture, Section, Table
 from experiments.lab.study import Cell, Findings, Measurement, Study, StudyOptions, StudyRun, csv_of
-from experiments.studies import stability, teleop
-from experiments.studies.solvers import approaches, contenders
+from experiments.studies import speed, stability, teleop
+from experiments.studies.solvers import approaches
 from experiments.studies.speed import rates
-from experiments.studies.stability import storm
+from experiments.studies.stability import checks
 from impact_gym.support.sources import compiled_from
 
 FIGURES = {"paper": 1, "speed": 0, "stability": 0, "teleop": 0, "speed of trainings": 0}
@@ -145,11 +145,10 @@ def cells_of(name):
     if name == "paper":
         return {figure: [Cell({}, {})] for figure in ("figure_02", "figure_23")}
     if name == "speed":
-        truth = [Cell({"scene": "soft"}, {"approach": "soft"})]
-        return {"truth": truth, "times": None, "cost": None}
+        return {"times": [next(speed.cells(True, {}))], "cost": None}
     if name == "stability":
         truth = [Cell({"scene": number}, {"number": seed}) for number, seed in ((2, -1), (5, 5))]  # the first fails
-        return {"storm": [Cell({"scene": number}, {"number": number}) for number in range(9)], "truth": truth}
+        return {"scenes": [Cell({"scene": number}, {"number": number}) for number in range(9)], "truth": truth}
     if name == "teleop":
         rigid = (cell for cell in teleop.assisted(True, {}) if cell.labels["coupling"] == "rigid")
         return {"episodes": [cell for cell in rigid if cell.labels["seed"] < 2]}
@@ -201,7 +200,7 @@ def test_kept_cells_depend_on_measure_and_solver(name, monkeypatch):
     for measurement in studies.load(name).measurements:
         solver, *modules = measurement.digest.split(" ")
         assert {*modules} == {measurement.measure.__module__, *measurement.depends}
-        independent = measurement.measure in (contenders.true_row, storm.truth_row)
+        independent = measurement.measure == checks.truth_row
         assert solver == ("" if independent else compiled_from())
 
 
@@ -231,10 +230,10 @@ def test_rate_counts_every_step_of_the_calls_made():
 def test_page_of_stability_lists_every_failure(small):
     run = small("stability")
     late, _ = run["truth"].to_dicts()
-    assert (late["speed"], late["velocity"]) == (approaches.storm(2).motion.speed, None)
+    assert (late["speed"], late["velocity"]) == (approaches.random_approach(2).motion.speed, None)
     assert late["failure"].startswith("ValueError")
     change = pl.DataFrame({"scene": [3, 5], "milliseconds": [77.0, 0.1], "failure": ["", "RuntimeError: it stopped"]})
-    findings = stability.STUDY.analyse(run | {"storm": run["storm"].update(change, on="scene")}, False)
+    findings = stability.STUDY.analyse(run | {"scenes": run["scenes"].update(change, on="scene")}, False)
     listed = {row[:2] for row in findings.tables["failures"].iter_rows()}
     assert listed >= {(3, stability.FAST.text), (5, stability.ENDED.text)}
     verdicts = {text: numbers for text, *numbers in findings.sections[0].parts[0].rows}

@@ -2,15 +2,18 @@
 
 There is a module for each of the sections 2 to 5 of the paper, and one for claims that no figure shows. For each figure
 a module has a function that computes its table, one that judges the statements about it, and one that draws it if it is
-in the paper. The functions that compute take a model; `models.WRONG` has wrong models, which contradict the statements.
+in the paper. statements.toml has the texts of the statements. The functions that compute take a model; `models.WRONG`
+has wrong models, which contradict the statements.
 """
 
 from collections.abc import Sequence
 
+import polars as pl
+
 from experiments.lab.parts import Section, Table
 from experiments.lab.study import SOLVER, Cell, Findings, Frames, Measurement, Study
 from experiments.studies.paper import beyond, section_2, section_3, section_4, section_5, values
-from experiments.studies.paper.statements import Statement, Verdict
+from experiments.studies.paper.statements import Verdict
 
 FIGURES = {
     figure.name: figure for module in (section_2, section_3, section_4, section_5, beyond) for figure in module.FIGURES
@@ -18,12 +21,6 @@ FIGURES = {
 DEPENDS = (*SOLVER, "impact_gym.robot", "experiments.lab.scenes", *(
     f"experiments.studies.paper.{name}" for name in ("models", "runs", "statements")
 ))  # fmt: skip
-
-
-def _judgement(statement: Statement) -> str:
-    other, text = statement.reading, f"Rule: {statement.rule}. {statement.why}"
-    verdict = "holds" if other and other.holds else "does not hold"
-    return f"{text} Another reading, {other.text}: {verdict}; {other.ours}." if other else text
 
 
 def analyse(frames: Frames, quick: bool) -> Findings:
@@ -38,10 +35,9 @@ def analyse(frames: Frames, quick: bool) -> Findings:
 
     apart = [[each for each in statements if each.verdict == verdict] for verdict in Verdict]
     agree, one_reading, disagree = map(len, apart)
-    counts = [("all", str(len(statements)))]
-    counts += [(verdict, str(len(judged))) for verdict, judged in zip(Verdict, apart, strict=True)]
-    disagreements = [(each.place, each.text, each.ours) for each in apart[-1]]
-    every = [(each.text, each.place, each.verdict, each.ours, each.wrong or "-", _judgement(each))
+    counts = [(name, str(len(those))) for name, those in (("all", statements), *zip(Verdict, apart, strict=True))]
+    disagreements = [(each.where, each.text, each.finding.ours) for each in apart[-1]]
+    every = [(each.text, each.where, each.verdict, each.finding.ours, each.wrong or "-", each.judgement)
              for each in statements]  # fmt: skip
     sections = [
         Section("Verdicts", [
@@ -50,17 +46,17 @@ def analyse(frames: Frames, quick: bool) -> Findings:
                   disagreements, "paper-disagreements"),
         ], key="verdicts"),
         Section("Figures", pictures, key="figures"),
-    ]  # fmt: skip
-    if "identified" in frames:
-        head, rows = "Quantity|Value|Determined by|Ours", frames["identified"].rows()
-        shown = table("Values that the paper does not print.", head, rows, "paper-identified")
-        sections.append(Section("Identified values", [shown], key="identified"))
-    corrections = table("Corrections of the print.", "Where|Correction", values.corrections(), "paper-corrections")
-    head = "Statement|Where|Verdict|Our result|Wrong model|Rule and reason"
-    sections += [
-        Section("Corrections", [corrections], key="corrections"),
-        Section("All statements, and wrong models with the opposite verdict",
-                [table("All statements.", head, every, "paper-statements")], key="statements", folded=True),
+        Section("Identified values", [
+            table("Values that the paper does not print.", "Quantity|Value|Determined by|Ours",
+                  frames.get("identified", pl.DataFrame()).rows(), "paper-identified"),
+        ], key="identified"),
+        Section("Corrections", [
+            table("Corrections of the print.", "Where|Correction", values.corrections(), "paper-corrections"),
+        ], key="corrections"),
+        Section("All statements, and wrong models with the opposite verdict", [
+            table("All statements.", "Statement|Where|Verdict|Our result|Wrong model|Rule and reason", every,
+                  "paper-statements"),
+        ], key="statements", folded=True),
     ]  # fmt: skip
     answer = (
         f"Of {len(statements)} statements of the paper's text that our model can contradict, {agree} agree, "

@@ -16,7 +16,6 @@ from impact_gym.physics import impact
 from impact_gym.render.palette import FLANGE, FORCE, OBJECT, PERSON, TOOL
 
 Array = NDArray[np.float64]
-SCALE = 0.8  # factor on the size of all figures, so that the text is legible in two figures side by side
 
 
 def where(frame: pl.DataFrame, **values: float | str) -> dict[str, NDArray[Any]]:
@@ -74,35 +73,32 @@ def runs_of(frame: pl.DataFrame) -> tuple[Run, Run]:
     return Run(frame, "a"), Run(frame, "b")
 
 
-def panels(width: float, height: float, **grid: Any) -> tuple[Sheet, Any]:
-    """Return a figure of `width` by `height` inches, before the factor SCALE, and its panels in a flat array."""
-    sheet = Sheet(figsize=(SCALE * width, SCALE * height))
-    return sheet, np.ravel(sheet.subplots(**grid))
-
-
 def picture(name: str, sheet: Sheet, caption: str, alternative: str) -> Picture:
     """Return a figure as a part of the page."""
     return Picture(name, sheet, alternative, caption, f"Fig. {int(name[-2:])}", wide=False)
 
 
-def two_runs(
-    frame: pl.DataFrame, name: str, titles: tuple[str, str], caption: str, alternative: str, forces: bool
-) -> Picture:
+def two_runs(frame: pl.DataFrame, name: str, titles: tuple[str, str], common: str, forces: bool) -> Picture:
     """Draw the velocities of the cases "a" and "b" over time, and the `forces` below around the contact."""
-    sheet, axes = panels(10.4, 6.4 if forces else 4.0, ncols=2, nrows=1 + forces, sharex=True, sharey="row")
-    for upper, run, title in zip(axes, runs_of(frame), titles, strict=False):
+    sheet, runs = Sheet(figsize=(8.32, 5.12 if forces else 3.2)), runs_of(frame)
+    axes = np.ravel(sheet.subplots(ncols=2, nrows=1 + forces, sharex=True, sharey="row"))
+    for upper, run, title in zip(axes, runs, titles, strict=False):
         trace = run.trace
         robot = trace.flange_velocity if forces else trace.command_velocity
         upper.plot(trace.time, robot, "--", color=FLANGE, label="flange" if forces else "imposed")
         upper.plot(trace.time, trace.tool_velocity, color=TOOL, label="tool")
         upper.plot(trace.time, trace.object_velocity, color=OBJECT, label="object")
         upper.set(title=title, ylabel="velocity (m/s)", xlim=(0.25, 0.75) if forces else (0.0, 0.6))
-    for lower, run in zip(axes[2:], runs_of(frame), strict=False):
+    for lower, run in zip(axes[2:], runs, strict=False):
         lower.plot(run.trace.time, run.trace.contact_force, color=FORCE, label="contact force on the object")
         lower.plot(run.trace.time, run.trace.coupling_force, color=PERSON, label="force of the coupling on the tool")
         lower.set(ylabel="force (N)")
-        lower.set_ylim(top=1.15 * max(each.trace.contact_force.max() for each in runs_of(frame)))  # the stop exceeds it
+        lower.set_ylim(top=1.15 * max(each.trace.contact_force.max() for each in runs))  # the stop exceeds it
     for panel in axes:
         panel.set(xlabel="time (s)")
         panel.legend(fontsize=8)
-    return picture(name, sheet, caption, alternative)
+    what = f"Velocities{' and forces' if forces else ''} over time"
+    ends = (
+        f"{title}: the object leaves at {run.final_velocity:.2f} m/s" for title, run in zip(titles, runs, strict=True)
+    )
+    return picture(name, sheet, f"{what}; {common}.", f"{what}, in two columns. {'; '.join(ends)}.")

@@ -11,11 +11,11 @@ import numpy as np
 import polars as pl
 
 import impact_gym as ig
-from experiments.lab.scenes import OBJECT_MASS, REDUCED_MASS, STEADY, TOOL_MASS, scene
+from experiments.lab.scenes import CONSTANT_SPEED, OBJECT_MASS, REDUCED_MASS, TOOL_MASS, scene
 from experiments.lab.study import Row
 from experiments.studies.paper.models import PAPER, Model
 from experiments.studies.paper.runs import where
-from experiments.studies.paper.statements import Figure, Statement
+from experiments.studies.paper.statements import Figure, Finding
 from impact_gym.physics import impact
 
 STIFFNESSES = (1e3, 1e4, 1e5, 1e6)  # N/m^1.5
@@ -31,7 +31,7 @@ def figure_06(model: Model = PAPER) -> list[Row]:
     rows: list[Row] = []
     cases = {"a": OBJECT_MASS, "b": REDUCED_MASS}
     for (case, mass), k_c, e in product(cases.items(), STIFFNESSES, [*VANISHING, *RESTITUTIONS]):
-        (contact,) = model.simulate(scene(k_c, e, object_mass=mass), STEADY, duration=2.0).contacts
+        (contact,) = model.simulate(scene(k_c, e, object_mass=mass), CONSTANT_SPEED, duration=2.0).contacts
         assert contact.end is not None  # the contact ends during the run
         rows.append({
             "case": case, "contact_stiffness": k_c, "restitution": e, "peak_force": contact.peak_force,
@@ -41,48 +41,32 @@ def figure_06(model: Model = PAPER) -> list[Row]:
     return rows
 
 
-def _statements_06(frame: pl.DataFrame) -> Iterator[Statement]:
+def _statements_06(frame: pl.DataFrame) -> Iterator[Finding]:
     grid = frame.filter(pl.col("restitution") >= RESTITUTIONS[0])
     force = where(grid, case="a", contact_stiffness=1e5)["peak_force"]
     lowest = int(np.argmin(force))
-    yield Statement(
-        "force", "Fig. 6", "If k_c remains constant, the contact force increases as e decreases",
-        rule="rises at every step from e = 1 down to 0.05 (fixed tool, k_c = 1e5)",
-        holds=bool((np.diff(force) < 0).all()),
-        ours=f"{force[-1]:.1f} N at e = 1, {force[lowest]:.1f} N at {RESTITUTIONS[lowest]:g}, {force[0]:.1f} N at 0.05",
-        why="From e = 1 down, the damper takes energy during the compression; the elastic part loses more than the "
-        "damping part adds. The trend holds only below the restitution at which the force is smallest.")  # fmt: skip
+    yield Finding("force", (np.diff(force) < 0).all(),
+        f"{force[-1]:.1f} N at e = 1, {force[lowest]:.1f} N at {RESTITUTIONS[lowest]:g}, {force[0]:.1f} N at 0.05"
+    )  # fmt: skip
     durations = np.array([where(grid, case=case, contact_stiffness=k_c)["duration"]
                           for case, k_c in product("ab", STIFFNESSES)])  # fmt: skip
-    yield Statement(
-        "duration", "Fig. 7", "The impact duration increases with the decrease in e",
-        rule="rises from each e to the next lower one, at every k_c, in both cases",
-        holds=bool((np.diff(durations) < 0).all()), wrong="elastic contact (e = 1)",
-        ours=f"{durations[0, 2] / durations[0, -1]:.2f} times as long at e = 0.1 as at e = 1")  # fmt: skip
+    yield Finding("duration", (np.diff(durations) < 0).all(),
+        f"{durations[0, 2] / durations[0, -1]:.2f} times as long at e = 0.1 as at e = 1")  # fmt: skip
     parting = where(frame.filter(pl.col("restitution") <= RESTITUTIONS[0]), case="b", contact_stiffness=1e5)["parting"]
-    yield Statement(
-        "together", "Fig. 7", "If e tends to zero (inelastic impact), the two masses move together after the impact",
-        rule="the speed at which they part falls with e, to less than 1 % of the approach velocity",
-        holds=bool((np.diff(parting) > 0).all() and parting[0] < 0.01), wrong="damping of Hunt and Crossley",
-        ours=f"{parting[-1]:.3f} of the approach velocity at e = 0.05, {parting[0]:.4f} at e = 0.005")  # fmt: skip
+    yield Finding("together", (np.diff(parting) > 0).all() and parting[0] < 0.01,
+        f"{parting[-1]:.3f} of the approach velocity at e = 0.05, {parting[0]:.4f} at e = 0.005")  # fmt: skip
     free = where(grid.filter(pl.col("restitution") >= 0.1), case="b", contact_stiffness=1e3)
     theory = impact.free_tool(TOOL_MASS, OBJECT_MASS, 1.0, 0.0, free["restitution"])[1]
     error = 100.0 * np.abs(free["object_velocity"] / theory - 1.0)
-    yield Statement(
-        "instantaneous", "Section 2.2",
-        "The theory of the instantaneous impact gives a good prediction of final velocities in many practical cases",
-        rule="V_p of the free tool within 5 % of eq. 4 at every e from 0.1 on (k_c = 1e3)",
-        holds=bool(error.max() < 5.0),
-        ours=f"eq. 4 is off by at most {error.max():.1f} % (at e = {free['restitution'][error.argmax()]:g})",
-        why="The error comes from eq. 7, which gives less than the nominal restitution, not from the duration.",
-        wrong="damping of Hunt and Crossley")  # fmt: skip
+    yield Finding("instantaneous", error.max() < 5.0,
+        f"eq. 4 is off by at most {error.max():.1f} % (at e = {free['restitution'][error.argmax()]:g})")  # fmt: skip
 
 
 def _contact(model: Model, contact: ig.Contact, mass: float) -> Row:
     """Simulate one contact; return `chi` (eq. 5), and the force at its ends over the largest force."""
     approach = ig.Scene(ig.Tool(TOOL_MASS), ig.Object(mass, 0.25), contact)
-    outcome, trace = model.trace(approach, STEADY)
-    (record,), used = outcome.contacts, model.change(approach, STEADY)[0].contact
+    outcome, trace = model.trace(approach, CONSTANT_SPEED)
+    (record,), used = outcome.contacts, model.scene(approach).contact
     depth, rate = trace.tool_position - trace.object_position, trace.tool_velocity - trace.object_velocity
     inside = (trace.contact_force > 0.0) & (depth > 0.0) & (trace.time >= record.start)
     force, depth, rate = (column[inside] for column in (trace.contact_force, depth, rate))
@@ -94,49 +78,34 @@ def _contact(model: Model, contact: ig.Contact, mass: float) -> Row:
 def beyond_contact(model: Model = PAPER) -> list[Row]:
     """Simulate the linear contact, that of the paper, and other exponents n with several masses."""
     linear = ig.Contact(5e3, 0.5, "exact", stiffness_exponent=1.0, damping_exponent=0.0)
-    rows: list[Row] = [{"case": "linear", **_contact(PAPER, linear, OBJECT_MASS)}]
-    rows.append({"case": "paper", **_contact(model, ig.Contact(1e5, 0.5), OBJECT_MASS)})
-    for n, mass in product(EXPONENTS, MASSES):
-        contact = ig.Contact(1e5, 0.5, "exact", damping_exponent=n)
-        rows.append({"case": "exponents", **_contact(model, contact, mass)})
-    return rows
+    cases = [("linear", PAPER, linear, OBJECT_MASS), ("paper", model, ig.Contact(1e5, 0.5), OBJECT_MASS)]
+    others = ((ig.Contact(1e5, 0.5, "exact", damping_exponent=n), mass) for n, mass in product(EXPONENTS, MASSES))
+    cases += [("exponents", model, contact, mass) for contact, mass in others]
+    return [{"case": case, **_contact(used, contact, mass)} for case, used, contact, mass in cases]
 
 
 def laws(model: Model = PAPER) -> pl.DataFrame:
     """Evaluate the restitution that eq. 7 and the law of Hunt and Crossley deliver, at small nominal restitutions."""
-    used = model.change(scene(1e5, 0.5), STEADY)[0].contact.dissipation
+    used = model.scene(scene(1e5, 0.5)).contact.dissipation
     errors = [np.abs(ig.effective_restitution(law, SMALL) - SMALL) for law in (used, "hunt-crossley")]
     return pl.DataFrame({"equation_7": errors[0], "earlier": errors[1]})
 
 
-def _statements_contact(frame: pl.DataFrame) -> Iterator[Statement]:
+def _statements_contact(frame: pl.DataFrame) -> Iterator[Finding]:
     ends = frame["ends"]
-    yield Statement(
-        "overcomes", "Section 2.2", "A non-linear contact model overcomes most of the limits of the linear one",
-        rule="the force begins, and the elastic force ends, below 1/1000 of the largest force",
-        holds=bool(ends[1] < 1e-3),
-        ours=f"at most {ends[1]:.0e} of the largest force; with the linear contact {ends[0]:.2f}",
-        why="One limit remains: the restitution does not depend on the approach velocity.",
-        wrong="linear damper (n = 0)")  # fmt: skip
+    yield Finding("overcomes", ends[1] < 1e-3,
+        f"at most {ends[1]:.0e} of the largest force; with the linear contact {ends[0]:.2f}")  # fmt: skip
     chi = {n: where(frame, case="exponents", n=n)["chi"] for n in EXPONENTS}
     spread = {n: values.max() / values.min() - 1.0 for n, values in chi.items()}
-    yield Statement(
-        "exponents", "Section 2.2",
-        "The energy lost in the hysteresis loop shows that the exponent n has to be set equal to m",
-        rule="the chi that gives e = 0.5 at 1 m/s is the same for all masses, as eq. 7 wants, only if n = m",
-        holds=bool(spread[1.5] < 1e-6 and min(spread[1.0], spread[2.0]) > 0.1), wrong="linear spring (m = 1)",
-        ours=f"from 0.1 to 2.5 kg chi varies by {100 * spread[1.0]:.0f} % with n = 1, by {100 * spread[1.5]:.4f} % "
+    yield Finding("exponents", spread[1.5] < 1e-6 and min(spread[1.0], spread[2.0]) > 0.1,
+        f"from 0.1 to 2.5 kg chi varies by {100 * spread[1.0]:.0f} % with n = 1, by {100 * spread[1.5]:.4f} % "
         f"with n = m = 1.5, by {100 * spread[2.0]:.0f} % with n = 2")  # fmt: skip
 
 
-def _statements_laws(frame: pl.DataFrame) -> Iterator[Statement]:
+def _statements_laws(frame: pl.DataFrame) -> Iterator[Finding]:
     ours, earlier = frame["equation_7"].to_numpy(), frame["earlier"].to_numpy()
-    yield Statement(
-        "equation_7", "Section 2.2",
-        "Eq. 7 improves the model of Hunt and Crossley and extends its validity to small restitution coefficients",
-        rule="below e = 0.3 always nearer to e than Hunt and Crossley, and within 0.05 of e",
-        holds=bool((ours < earlier).all() and ours.max() < 0.05), wrong="damping of Hunt and Crossley",
-        ours=f"eq. 7 is off by at most {ours.max():.3f}, Hunt and Crossley by up to {earlier.max():.2f}")  # fmt: skip
+    yield Finding("equation_7", (ours < earlier).all() and ours.max() < 0.05,
+        f"eq. 7 is off by at most {ours.max():.3f}, Hunt and Crossley by up to {earlier.max():.2f}")  # fmt: skip
 
 
 FIGURES = (

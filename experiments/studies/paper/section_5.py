@@ -8,24 +8,24 @@ from itertools import product
 import numpy as np
 import polars as pl
 
-from experiments.lab.scenes import HOLD, LINEAR, MECHANISM, MOTION, OBJECT_MASS, scene
+from experiments.lab.scenes import BISTABLE, HOLD, LINEAR, MOTION, OBJECT_MASS, scene
 from experiments.lab.study import Row
 from experiments.studies.paper.models import PAPER, Model
 from experiments.studies.paper.runs import histories, runs_of, two_runs, where
-from experiments.studies.paper.statements import Figure, Reading, Statement
+from experiments.studies.paper.statements import Figure, Finding
 
 FORCES = np.linspace(0.5, 2.0, 31)  # factors on the force of the mechanism
 
 
 def figure_23(model: Model = PAPER) -> pl.DataFrame:
     """Simulate Fig. 23a (mechanism) and 23b (spring and damper)."""
-    return histories(model, {"a": scene(1e3, 0.1, MECHANISM), "b": scene(1e3, 0.1, LINEAR)})
+    return histories(model, {"a": scene(1e3, 0.1, BISTABLE), "b": scene(1e3, 0.1, LINEAR)})
 
 
-def _statements_23(frame: pl.DataFrame) -> Iterator[Statement]:
+def _statements_23(frame: pl.DataFrame) -> Iterator[Finding]:
     run, linear = runs_of(frame)
     trace, time, tool = run.trace, run.trace.time, run.trace.tool_velocity
-    x = MECHANISM.rest + trace.tool_position - trace.flange_position  # m, of the slider; the trace begins at rest
+    x = BISTABLE.rest + trace.tool_position - trace.flange_position  # m, of the slider; the trace begins at rest
     passes = np.flatnonzero((x[:-1] > 0.0) & (x[1:] <= 0.0))
     snap = float(time[passes[0] + 1]) if passes.size else np.inf  # s, first passage of the alignment
     touch = int(np.argmax(run.contact > 0))
@@ -36,112 +36,61 @@ def _statements_23(frame: pl.DataFrame) -> Iterator[Statement]:
     rate = np.abs(np.diff(tool)[steady[:-1]] / np.diff(time)[steady[:-1]])
     plateau = tool[steady][np.argmin(rate)]  # m/s, tool velocity at the smallest `rate`
     fall = 1e3 * (time[slowed] - time[touch])  # ms
-    yield Statement(
-        "plateau", "Fig. 23a", "The velocity of the tool changes from 1.0 m/s to 0.4 m/s",
-        rule="0.4 m/s to the printed digit, where the velocity changes least between impact and snap-through",
-        holds=abs(plateau - 0.4) <= 0.05, ours=f"{plateau:.3f} m/s", wrong="half the speed")  # fmt: skip
-    yield Statement(
-        "deceleration", "Fig. 23a",
-        "The tool is subjected to a hard deceleration: its velocity changes nearly instantaneously",
-        rule="over before the robot can begin to brake, within 16 ms", holds=fall < 16.0,
-        ours=f"from 1.0 to 0.4 m/s in {fall:.1f} ms", why="At k_c = 1e3 the contact is soft.",
-        wrong="soft contact (10)",
-        reading=Reading("harder than the robot's own braking, 8 m/s^2", 600.0 / fall > MOTION.deceleration,
-                        f"{600.0 / fall:.0f} m/s^2 on average"))  # fmt: skip
+    yield Finding("plateau", abs(plateau - 0.4) <= 0.05, f"{plateau:.3f} m/s")
+    yield Finding("deceleration", fall < 16.0, f"from 1.0 to 0.4 m/s in {fall:.1f} ms",
+        reading=(600.0 / fall > MOTION.deceleration, f"{600.0 / fall:.0f} m/s^2 on average"))  # fmt: skip
     share = 100 * trace.object_velocity[slowed] / run.final_velocity
-    yield Statement(
-        "complete", "Fig. 23a", "At 0.4 m/s the effect of the collision is complete",
-        rule="the object has at least 95 % of V_p at that instant", holds=bool(share >= 95.0),
-        ours=f"the object has {share:.0f} % of V_p by then",
-        why="At e = 0.1 the contact force falls slowly and accelerates the object further.")  # fmt: skip
-    change, at_stop = np.ptp(tool[settling]), int(np.argmax((time > snap) & (x <= MECHANISM.rear_stop)))
+    yield Finding("complete", share >= 95.0, f"the object has {share:.0f} % of V_p by then")
+    change, at_stop = np.ptp(tool[settling]), int(np.argmax((time > snap) & (x <= BISTABLE.rear_stop)))
     loss = plateau - tool[(time > snap) & (time < time[at_stop])].min(initial=np.inf)
-    yield Statement(
-        "crosses", "Fig. 23a",
-        "When the velocity seems to stabilize, the tool crosses the vertical alignment position and is pulled back",
-        rule="changes by less than 0.05 m/s before the crossing, by more than 0.2 m/s between crossing and rear stop",
-        holds=bool(change < 0.05 and snap < np.inf and loss > 0.2), wrong="soft contact (10)",
-        ours=f"changes by {change:.3f} m/s until the crossing at {snap:.3f} s, then by {loss:.2f} m/s")  # fmt: skip
+    yield Finding("crosses", change < 0.05 and snap < np.inf and loss > 0.2,
+        f"changes by {change:.3f} m/s until the crossing at {snap:.3f} s, then by {loss:.2f} m/s")  # fmt: skip
     difference = np.abs(tool - trace.flange_velocity)[time > time[at_stop] + 0.02].max()
-    yield Statement(
-        "adapts", "Fig. 23a",
-        "The tool velocity suddenly adapts to the robot velocity when the tool hits the robot flange",
-        rule="within 0.05 m/s of the robot's from 20 ms after the rear stop on",
-        holds=bool(at_stop > 0 and difference < 0.05),
-        ours=f"from 20 ms after the rear stop on, they differ by {difference:.3f} m/s at most",
-        wrong="half the speed")  # fmt: skip
+    yield Finding("adapts", at_stop > 0 and difference < 0.05,
+        f"from 20 ms after the rear stop on, they differ by {difference:.3f} m/s at most")  # fmt: skip
     largest = [each.during_contact.coupling_force.max() for each in (run, linear)]
-    yield Statement(
-        "force", "Fig. 23c, d", "The force of the bistable mechanism is lower than that of spring and damper",
-        rule="largest force during the contact in (a) below that in (b)", holds=bool(largest[0] < largest[1]),
-        ours=f"at most {largest[0]:.2f} N against {largest[1]:.2f} N", wrong="mechanism for a spring")  # fmt: skip
-    back = trace.coupling_force[(run.contact > 0) & (x < MECHANISM.front_stop) & (x > 0.0)]
-    yield Statement(
-        "force_falls", "Fig. 23c",
-        "The force generated in the bistable mechanism decreases when the end-effector is compressed",
-        rule="falls from each point to the next while the slider moves from the front stop to the alignment",
-        holds=bool(back.size > 1 and (np.diff(back) < 0.0).all()), wrong="spring for a mechanism",
-        ours=f"from {back[0]:.2f} N to {back[-1]:.2f} N" if back.size else "")  # fmt: skip
-    yield Statement(
-        "velocity", "Fig. 23", "The bistable mechanism gives a lower V_p than spring and damper",
-        rule="V_p in (a) below that in (b)", holds=bool(run.final_velocity < linear.final_velocity),
-        ours=f"{run.final_velocity:.4f} m/s against {linear.final_velocity:.4f} m/s",
-        wrong="mechanism for a spring")  # fmt: skip
-    yield Statement(
-        "impulse", "Fig. 24", "The bistable mechanism leads to a reduction in the impulse transmitted to the object",
-        rule="impulse of the coupling over the contact in (a) below that in (b)",
-        holds=bool(run.impulse < linear.impulse), ours=f"{run.impulse:.4f} N s against {linear.impulse:.4f} N s",
-        wrong="mechanism for a spring")  # fmt: skip
+    yield Finding("force", largest[0] < largest[1], f"at most {largest[0]:.2f} N against {largest[1]:.2f} N")
+    back = trace.coupling_force[(run.contact > 0) & (x < BISTABLE.front_stop) & (x > 0.0)]
+    yield Finding("force_falls", back.size > 1 and (np.diff(back) < 0.0).all(),
+        f"from {back[0]:.2f} N to {back[-1]:.2f} N" if back.size else "")  # fmt: skip
+    yield Finding("velocity", run.final_velocity < linear.final_velocity,
+        f"{run.final_velocity:.4f} m/s against {linear.final_velocity:.4f} m/s")  # fmt: skip
+    yield Finding("impulse", run.impulse < linear.impulse, f"{run.impulse:.4f} N s against {linear.impulse:.4f} N s")
 
 
 def beyond_holding(model: Model = PAPER) -> pl.DataFrame:
     """Simulate Fig. 23a with weaker and stronger mechanisms, then with other contacts (`force` is null)."""
     rows: list[Row] = []
     for factor in FORCES:
-        mechanism = replace(MECHANISM, stiffness=factor * MECHANISM.stiffness)
+        mechanism = replace(BISTABLE, stiffness=factor * BISTABLE.stiffness)
         outcome, trace = model.trace(scene(1e3, 0.1, mechanism))
         before = trace.time < outcome.contacts[0].start
         lag = 1e3 * (trace.flange_position - trace.tool_position)[before].max()
         rows.append({"force": mechanism.holding_force, "lag": lag, "object_velocity": outcome.object_velocity})
     contacts = [
-        {"contact_stiffness": k_c, "restitution": e, "contacts": len(model.simulate(scene(k_c, e, MECHANISM)).contacts)}
+        {"contact_stiffness": k_c, "restitution": e, "contacts": len(model.simulate(scene(k_c, e, BISTABLE)).contacts)}
         for k_c, e in product((1e3, 1e4, 1e5), (0.1, 0.3, 0.5, 0.7, 1.0))
     ]
     return pl.concat([pl.DataFrame(rows), pl.DataFrame(contacts)], how="diagonal")
 
 
-def _statements_holding(frame: pl.DataFrame) -> Iterator[Statement]:
+def _statements_holding(frame: pl.DataFrame) -> Iterator[Finding]:
     rows = where(frame.filter(pl.col("force").is_not_null()))
     held = rows["force"] >= HOLD
     lag, velocity = (rows["lag"][~held].min(), rows["lag"][held].max()), rows["object_velocity"][held]
-    yield Statement(
-        "keeps", "Section 5",
-        "The positive force should be large enough to keep the tool in position before the impact",
-        rule="the tool leaves the front stop (by 0.1 mm) exactly if the force is below m_t times the acceleration",
-        holds=bool(lag[0] > 0.1 > lag[1]), wrong="tool 4 times as heavy",
-        ours=f"below {HOLD:g} N it lags by at least {lag[0]:.2f} mm, above by at most {lag[1]:.3f} mm")  # fmt: skip
-    yield Statement(
-        "least", "Section 5",
-        "At the same time, the force should be as small as possible to minimize the impulse transmitted to the object",
-        rule="of the forces that keep the tool, a larger one always gives the object a larger impulse, m_p V_p",
-        holds=bool((np.diff(velocity) > 0.0).all()), wrong="spring for a mechanism",
-        ours=f"{1e3 * OBJECT_MASS * velocity[0]:.1f} N ms with {rows['force'][held][0]:.2f} N, "
+    yield Finding("keeps", lag[0] > 0.1 > lag[1],
+        f"below {HOLD:g} N it lags by at least {lag[0]:.2f} mm, above by at most {lag[1]:.3f} mm")  # fmt: skip
+    yield Finding("least", (np.diff(velocity) > 0.0).all(),
+        f"{1e3 * OBJECT_MASS * velocity[0]:.1f} N ms with {rows['force'][held][0]:.2f} N, "
         f"{1e3 * OBJECT_MASS * velocity[-1]:.1f} N ms with {rows['force'][-1]:.2f} N")  # fmt: skip
     contacts = where(frame.filter(pl.col("contacts").is_not_null()))["contacts"]
-    yield Statement(
-        "no_rebounds", "Section 5 and 6",
-        "The system has to prevent rebounds of the tool; the bi-stable mechanism meets this requirement",
-        rule="one contact at k_c of 1e3, 1e4 and 1e5 and e from 0.1 to 1", holds=bool(contacts.max() == 1),
-        ours=f"one contact in {(contacts == 1).sum()} of {contacts.size} scenes",
-        wrong="spring for a mechanism")  # fmt: skip
+    yield Finding("no_rebounds", contacts.max() == 1,
+        f"one contact in {(contacts == 1).sum()} of {contacts.size} scenes")  # fmt: skip
 
 
 FIGURES = (
     Figure(figure_23, _statements_23, partial(
-        two_runs, titles=("(a, c) bistable mechanism", "(b, d) linear spring-damper"),
-        caption="Velocities and forces, bistable mechanism (a, c) and linear spring-damper (b, d); e = 0.1, k_c = 1e3.",
-        alternative="Two columns, velocities above and forces below, against time. Left, bistable: the tool falls "
-        "from 1.0 to 0.4 m/s, crosses the alignment and is pulled back to the flange; the object leaves at 0.45 m/s.",
+        two_runs, titles=("(a, c) bistable mechanism", "(b, d) linear spring-damper"), common="e = 0.1, k_c = 1e3",
         forces=True)),
     Figure(beyond_holding, _statements_holding),
 )  # fmt: skip

@@ -1,14 +1,18 @@
 """Statements of the paper, and the verdicts on them."""
 
-from collections.abc import Callable, Iterator
+import tomllib
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import polars as pl
 
 from experiments.lab.parts import Picture
 from experiments.lab.study import Rows
+
+TEXTS = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 
 
 class Verdict(StrEnum):
@@ -19,45 +23,60 @@ class Verdict(StrEnum):
     DISAGREES = "disagrees"
 
 
-class Reading(NamedTuple):
-    """A second reading of a statement: the text read so, whether it holds, and our result."""
+class Finding(NamedTuple):
+    """What our numbers say about a statement of statements.toml."""
 
-    text: str
-    holds: bool
-    ours: str
+    name: str
+    holds: Any  # whether the rule holds
+    ours: str  # our result
+    reading: tuple[Any, str] | None = None  # of a second reading: whether it holds, and our result
+    why: Iterable[float] = ()  # numbers in the text `why`
 
 
 @dataclass(frozen=True)
 class Statement:
-    """A statement of the paper, judged by our numbers."""
+    """A statement of the paper, judged by our numbers; the texts are those of statements.toml."""
 
-    name: str
-    place: str  # section and figure
-    text: str  # quotation or summary of the passage
-    rule: str  # `holds`, in words
-    holds: bool
-    ours: str  # our result
-    wrong: str = ""  # a wrong model (`models.WRONG`) that contradicts it or, if our model does, agrees; "": none agrees
-    why: str = ""  # why the statement disagrees, or a remark
-    reading: Reading | None = None
+    finding: Finding
+    where: str
+    text: str
+    rule: str
+    another: str = ""
+    wrong: str = ""
+    why: str = ""
 
     @property
     def verdict(self) -> Verdict:
         """Verdict on the statement."""
-        if self.reading and self.reading.holds != self.holds:
+        _, holds, _, reading, _ = self.finding
+        if reading and reading[0] != holds:
             return Verdict.ONE_READING
-        return Verdict.AGREES if self.holds else Verdict.DISAGREES
+        return Verdict.AGREES if holds else Verdict.DISAGREES
+
+    @property
+    def judgement(self) -> str:
+        """Rule and reason, and what is found in the second reading."""
+        text = f"Rule: {self.rule}. {self.why.format(*self.finding.why)}"
+        if self.finding.reading is None:
+            return text
+        holds, ours = self.finding.reading
+        return f"{text} Another reading, {self.another}: {'holds' if holds else 'does not hold'}; {ours}."
 
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure: the function that computes its table for a model, statements about it, and its picture."""
+    """A figure: the function that computes its table for a model, findings about it, and its picture."""
 
     measure: Callable[..., Rows]  # its only argument is a `models.Model`, by default the paper's
-    statements: Callable[[pl.DataFrame], Iterator[Statement]]
+    findings: Callable[[pl.DataFrame], Iterator[Finding]]
     picture: Callable[[pl.DataFrame, str], Picture] | None = None  # from the table and its name
 
     @property
     def name(self) -> str:
         """Name of the figure's table."""
         return self.measure.__name__
+
+    def statements(self, frame: pl.DataFrame) -> Iterator[Statement]:
+        """Judge the figure's statements by its table."""
+        for finding in self.findings(frame):
+            yield Statement(finding, **TEXTS[self.name][finding.name])

@@ -4,12 +4,12 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import polars as pl
 from scipy.optimize import bisect
 
 import impact_gym as ig
 from experiments.lab import scenes
-from experiments.lab.scenes import BRAKE, HEAVY_MASS, HOLD, MECHANISM, MOTION, ROBOT, ROBOT_AND_TOOL, scene
-from experiments.lab.study import Row
+from experiments.lab.scenes import BISTABLE, BRAKE, HEAVY_MASS, HOLD, MOTION, ROBOT, ROBOT_AND_TOOL, scene
 from experiments.studies.paper.models import PAPER, Model
 from impact_gym.robot import IMPACT, default_approach
 
@@ -18,22 +18,7 @@ def _short(value: float) -> str:
     return f"{value:.2g}".replace("e+0", "e")
 
 
-def _sign_change(model: Model) -> float:
-    """Return when the damping force of Fig. 5a becomes negative, s: when the penetration is largest."""
-    _, trace = model.trace(scene(1e5, 0.5), scenes.STEADY, 0.5)
-    return float(trace.time[(trace.tool_position - trace.object_position).argmax()])
-
-
-def _from_minimum(model: Model) -> float:
-    """Return the time from the impact of Fig. 13b to the nearest minimum of the velocity without an object, ms."""
-    _, trace = model.trace(scene(1e5, 1.0, robot=ROBOT, distance=10.0))
-    velocity = trace.tool_velocity
-    minima = trace.time[1:-1][(velocity[1:-1] < velocity[:-2]) & (velocity[1:-1] <= velocity[2:])]
-    start = model.simulate(scene(1e5, 1.0, robot=ROBOT)).contacts[0].start
-    return 1e3 * float(np.abs(minima - start).min())
-
-
-def identified(model: Model = PAPER) -> list[Row]:
+def identified(model: Model = PAPER) -> pl.DataFrame:
     """Compute with each identified value the printed numbers that determine it."""
 
     def single(k_t: float) -> float:
@@ -42,29 +27,32 @@ def identified(model: Model = PAPER) -> list[Row]:
 
     onset = bisect(single, 80.0, 100.0)
     light, heavy = (model.simulate(scene(1e5, 1.0, robot=ROBOT, object_mass=mass)) for mass in (0.25, HEAVY_MASS))
-    rigid, *mechanisms = (
-        model.simulate(scene(1e3, 0.1, coupling)).object_velocity
-        for coupling in (None, *(replace(MECHANISM, rear_stop=place) for place in (MECHANISM.rear_stop, -0.01, -0.03)))
-    )
-    table = (
+    _, alone = model.trace(scene(1e5, 1.0, robot=ROBOT, distance=10.0))  # without an object
+    before, velocity, after = alone.tool_velocity[:-2], alone.tool_velocity[1:-1], alone.tool_velocity[2:]
+    minima = alone.time[1:-1][(velocity < before) & (velocity <= after)]
+    off = 1e3 * np.abs(minima - light.contacts[0].start).min()
+    _, trace = model.trace(scene(1e5, 0.5), scenes.CONSTANT_SPEED, 0.5)  # of Fig. 5a
+    deepest = trace.time[(trace.tool_position - trace.object_position).argmax()]  # from here on the damping pulls
+    moved = (replace(BISTABLE, rear_stop=stop) for stop in (BISTABLE.rear_stop, -0.01, -0.03))
+    rigid, *mechanisms = (model.simulate(scene(1e3, 0.1, each)).object_velocity for each in (None, *moved))
+    return pl.DataFrame([
         ("brake's deceleration", f"{BRAKE.deceleration:g} m/s^2", "slope changes at k_t about 90 N/m (Fig. 16)",
          f"{onset:.1f} N/m"),
         ("acceleration", f"{MOTION.acceleration:g} m/s^2", "the mechanism holds the tool (Fig. 23a)",
-         f"{MECHANISM.holding_force:.3f} N, {HOLD:g} N needed"),
+         f"{BISTABLE.holding_force:.3f} N, {HOLD:g} N needed"),
         ("object's distance", f"{scenes.DISTANCE:g} m", "damping force negative after 0.321 s (Fig. 5)",
-         f"{_sign_change(model):.4f} s"),
+         f"{deepest:.4f} s"),
         ("k_r", f"{_short(ROBOT.stiffness)} N/m", "impact at about 0.98, V_p about 1.94 (Fig. 13b), 1.88 m/s (14a)",
          f"{light.contacts[0].approach_velocity:.4f}, {light.object_velocity:.4f}, {heavy.object_velocity:.4f} m/s"),
         ("c_r", f"{ROBOT.damping:g} N s/m", "impact at a minimum of the velocity (Fig. 13b)",
-         f"{_from_minimum(model):.1f} ms from a minimum"),
-        ("front stop", f"{1e3 * MECHANISM.front_stop:g} mm", "V_p 51 % lower than in Fig. 25",
+         f"{off:.1f} ms from a minimum"),
+        ("front stop", f"{1e3 * BISTABLE.front_stop:g} mm", "V_p 51 % lower than in Fig. 25",
          f"{100.0 * (1.0 - mechanisms[0] / rigid):.1f} %"),
-        ("rear stop", f"{1e3 * MECHANISM.rear_stop:g} mm", "nothing",
+        ("rear stop", f"{1e3 * BISTABLE.rear_stop:g} mm", "nothing",
          f"-10 to -30 mm change V_p by {np.ptp(mechanisms):.6f} m/s"),
-        ("stops", f"{_short(MECHANISM.stop_stiffness)} N/m, ratio {MECHANISM.stop_damping_ratio:g}", "nothing", ""),
+        ("stops", f"{_short(BISTABLE.stop_stiffness)} N/m, ratio {BISTABLE.stop_damping_ratio:g}", "nothing", ""),
         ("Viper s650", "viper_s650.urdf, viper.py", "nothing", "estimates from public data"),
-    )  # fmt: skip
-    return [dict(zip(("quantity", "value", "printed", "ours"), row, strict=True)) for row in table]
+    ], ["quantity", "value", "printed", "ours"], orient="row")  # fmt: skip
 
 
 def corrections() -> list[tuple[str, str]]:

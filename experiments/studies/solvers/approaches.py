@@ -1,9 +1,9 @@
-"""Approaches for the studies `speed` and `stability`: six named approaches, and random approaches (the storm)."""
+"""Approaches for the studies `speed` and `stability`: six named approaches, and random approaches."""
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any, get_args
+from dataclasses import replace
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from impact_gym.robot import default_approach
 from impact_gym.scene import Dissipation
 
 CRUISE = ig.Trapezoid(1.0, 8.0, ig.Brake(threshold=1.0, delay=10.0))  # the brake would act only after the end of a run
-STORM_SEED = 4
+SEED = 4  # of the random approaches
 
 RANGES = {  # ranges of random numbers of a scene, in which the solver must work
     "contact stiffness": (1e2, 1e10),  # N/m^m, m: exponent of the stiffness
@@ -41,25 +41,17 @@ OTHERS = {  # ranges of further random numbers of a scene; we chose these ranges
     "stroke over rest": (1.01, 30.0),  # -, ratio of a spring's stroke to its steady deflection during acceleration
 }
 EXPONENTS = (*((1.5, 1.5),) * 6, (1.0, 0.0), (1.0, 1.0), (2.0, 2.0), (1.5, 1.0), (1.2, 1.2), (3.0, 0.0))
-ROUGH = 0.25  # probability of each change by `roughened`
+ROUGH = 0.25  # probability of friction, of "fixed" dissipation, and of a limited travel of a spring
 AT_AN_END = 0.05  # fraction of the draws from RANGES that return an end of the range
 AFTERMATH = 0.5  # s, a run goes on for at least this time after an unbraked flange would reach the object
 
 
-@dataclass(frozen=True)
-class Approach:
-    """An approach from rest, simulated for `duration` (s)."""
+class Approach(NamedTuple):
+    """An approach from rest, simulated for `duration` (s): the first arguments of `simulate`."""
 
-    name: str
-    description: str
     scene: ig.Scene
     motion: ig.Trapezoid
     duration: float
-
-    @property
-    def run(self) -> tuple[ig.Scene, ig.Trapezoid, float]:
-        """Scene, motion and duration, the first arguments of `simulate`."""
-        return self.scene, self.motion, self.duration
 
     @property
     def about(self) -> dict[str, Any]:
@@ -67,8 +59,7 @@ class Approach:
         return {"coupling": kind(self.scene), "speed": self.motion.speed}
 
 
-@dataclass(frozen=True)
-class Solution:
+class Solution(NamedTuple):
     """A solver's answer for an approach. A float is nan if the solver does not give it."""
 
     velocity: float  # m/s, V_p
@@ -94,31 +85,32 @@ def kind(of: ig.Scene) -> str:
     return couplings[type(of.coupling)] + robots[type(of.robot)]
 
 
-def named() -> dict[str, Approach]:
-    """Return the six named approaches, by name."""
+def named() -> dict[str, tuple[str, Approach]]:
+    """Return the six named approaches, by name, each with a description."""
     soft, spring = ig.SpringDamper(50.0), ig.SpringDamper(150.0)
     # as in Fig. 23, but just below 0.97724 m/s; above this speed the slider stays past its alignment
-    speed = 0.9772  # m/s
-    at_threshold = ig.Trapezoid(speed, MOTION.acceleration, MOTION.brake)
-    distance = speed**2 / (2 * MOTION.acceleration) + speed * (DISTANCE - 1 / (2 * MOTION.acceleration))
+    below = replace(MOTION, speed=0.9772)
+    distance = below.speed**2 / (2 * MOTION.acceleration) + below.speed * (DISTANCE - 1 / (2 * MOTION.acceleration))
     held, heavy = scene(1e3, 0.1, ig.Bistable(), distance=distance), scene(1e6, 1.0, spring, object_mass=1.0)
-    slow, below = "k_c 1e8, e 0.1, no brake: the second contact is slow", "bistable, 4e-5 m/s below its threshold"
-    approaches = (
-        Approach("soft", "k_c 1e3, e 0.7, spring 50 N/m", scene(1e3, 0.7, soft), MOTION, 1.5),
-        Approach("stiff", "k_c 1e8, e 0.7, spring 50 N/m: two short contacts", scene(1e8, 0.7, soft), MOTION, 1.5),
-        Approach("inelastic", "k_c 1e5, e 0.02 (d = 73.5), spring 50 N/m", scene(1e5, 0.02, soft), MOTION, 1.5),
-        Approach("multiple", "k_c 1e6, e 1, spring 150 N/m, object 1 kg: six contacts", heavy, MOTION, 1.5),
-        Approach("pushed", slow, scene(1e8, 0.1, spring), CRUISE, 0.8),
-        Approach("bistable", below, held, at_threshold, 1.5),
+    stiff, slow = (
+        "k_c 1e8, e 0.7, spring 50 N/m: two short contacts",
+        "k_c 1e8, e 0.1, no brake: the second contact is slow",
     )
-    return {approach.name: approach for approach in approaches}
+    return {
+        "soft": ("k_c 1e3, e 0.7, spring 50 N/m", Approach(scene(1e3, 0.7, soft), MOTION, 1.5)),
+        "stiff": (stiff, Approach(scene(1e8, 0.7, soft), MOTION, 1.5)),
+        "inelastic": ("k_c 1e5, e 0.02 (d = 73.5), spring 50 N/m", Approach(scene(1e5, 0.02, soft), MOTION, 1.5)),
+        "multiple": ("k_c 1e6, e 1, spring 150 N/m, object 1 kg: six contacts", Approach(heavy, MOTION, 1.5)),
+        "pushed": (slow, Approach(scene(1e8, 0.1, spring), CRUISE, 0.8)),
+        "bistable": ("bistable, 4e-5 m/s below its threshold", Approach(held, below, 1.5)),
+    }
 
 
 class _Draw:
-    """Random draws for one scene of the storm."""
+    """Random draws for one approach."""
 
     def __init__(self, *numbers: int) -> None:
-        self.rng = np.random.default_rng([STORM_SEED, *numbers])
+        self.rng = np.random.default_rng([SEED, *numbers])
         self.share = self.rng.uniform
 
     def value(self, name: str) -> float:
@@ -153,15 +145,21 @@ class _Draw:
         return ig.RobotTable(tuple((1.2 * distance * way).tolist()), *map(tuple, columns))
 
 
-def storm(number: int) -> Approach:
-    """Return scene `number` of the storm; nine successive scenes have all combinations of coupling and robot."""
-    draw = _Draw(number)
-    tool = ig.Tool(draw.value("tool mass"))
-    target = ig.Object(tool.mass * draw.value("mass ratio"), draw.value("distance"))
+def random_approach(number: int) -> Approach:
+    """Return the approach `number`; nine successive approaches have all combinations of coupling and robot."""
+    draw, rough = _Draw(number), _Draw(number, 1)
+
+    def is_rough() -> bool:
+        return rough.share(0, 1) < ROUGH
+
+    tool, friction = ig.Tool(draw.value("tool mass")), rough.value("friction") if is_rough() else None
+    target = ig.Object(tool.mass * draw.value("mass ratio"), draw.value("distance"), friction)
     m, n = EXPONENTS[draw.rng.integers(len(EXPONENTS))]
-    laws = [law for law in get_args(Dissipation) if law != "fixed"]  # "fixed" is drawn by `roughened`
+    laws = [law for law in get_args(Dissipation) if law != "fixed"]
     law: Dissipation = laws[draw.rng.integers(len(laws))] if draw.share(0, 1) < 0.5 else "hu-guo"
     contact = ig.Contact(draw.value("contact stiffness"), draw.value("restitution"), law, m, n)
+    if is_rough():
+        contact = replace(contact, dissipation="fixed", reference_velocity=rough.value("reference velocity"))
     couplings: tuple[Callable[[], Coupling], ...] = (
         ig.Rigid,
         lambda: ig.SpringDamper(draw.value("coupling stiffness"), draw.value("damping ratio")),
@@ -173,20 +171,8 @@ def storm(number: int) -> Approach:
     brakes = draw.share(0, 1) < 0.8
     brake = ig.Brake(*map(draw.value, ("threshold", "delay", "deceleration"))) if brakes else None
     motion = ig.Trapezoid(draw.value("speed"), draw.value("acceleration"), brake)
+    if isinstance(coupling, ig.SpringDamper) and is_rough():
+        rest = tool.mass * motion.acceleration / coupling.stiffness
+        coupling = replace(coupling, stroke=rest * rough.value("stroke over rest"))
     duration = target.distance / motion.speed + motion.speed / motion.acceleration + AFTERMATH
-    made = roughened(ig.Scene(tool, target, contact, coupling, robot), motion.acceleration, _Draw(number, 1))
-    return Approach(str(number), kind(made), made, motion, duration)
-
-
-def roughened(smooth: ig.Scene, acceleration: float, draw: _Draw) -> ig.Scene:
-    """Add friction, "fixed" dissipation and limited travel of a spring to a scene, each with probability ROUGH."""
-    target, contact, coupling = smooth.object, smooth.contact, smooth.coupling
-    if draw.share(0, 1) < ROUGH:
-        target = replace(target, friction=draw.value("friction"))
-    if draw.share(0, 1) < ROUGH:
-        reference = draw.value("reference velocity")
-        contact = replace(contact, dissipation="fixed", reference_velocity=reference)
-    if isinstance(coupling, ig.SpringDamper) and draw.share(0, 1) < ROUGH:
-        rest = smooth.tool.mass * acceleration / coupling.stiffness
-        coupling = replace(coupling, stroke=rest * draw.value("stroke over rest"))
-    return replace(smooth, object=target, contact=contact, coupling=coupling)
+    return Approach(ig.Scene(tool, target, contact, coupling, robot), motion, duration)

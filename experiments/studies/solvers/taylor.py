@@ -24,20 +24,6 @@ BESIDE = 1e-20  # absolute value of `s` after touch or separation, because heyok
 ROUNDING = 1e-12  # m, allowed rounding error of the slider's position
 
 
-def law_of(scene: ig.Scene) -> dict[str, float]:
-    """Return the numbers named in LAW (SI); numbers that the coupling does not have are 0."""
-    coupling, contact, m_t = scene.coupling, scene.contact, scene.tool.mass
-    d = damping_factor("hu-guo", contact.restitution, 1.5, 1.5)
-    law = dict.fromkeys(LAW, 0.0) | {"m_t": m_t, "m_p": scene.object.mass, "k_c": contact.stiffness, "d": d}
-    if isinstance(coupling, ig.SpringDamper):
-        law |= {"k_t": coupling.stiffness, "c_t": 2.0 * coupling.damping_ratio * math.sqrt(coupling.stiffness * m_t)}
-    if isinstance(coupling, ig.Bistable):
-        force = BistableForce(coupling, m_t)
-        law |= {"k_t": force.k, "L0": force.L0, "H": force.H, "x0": force.x0, "k_s": force.k_s, "c_s": force.c_s}
-        law |= {"front": coupling.front_stop, "rear": coupling.rear_stop}
-    return law
-
-
 @cache
 def integrator(kind: str, touching: bool, tolerance: float, number: Any) -> tuple[Any, dict[int, str]]:
     """Compile the equations for the coupling class `kind`; return heyoka's integrator and the names of its events.
@@ -48,10 +34,9 @@ def integrator(kind: str, touching: bool, tolerance: float, number: Any) -> tupl
     hy = import_module("heyoka")
     symbols, zero = hy.make_vars(*STATE), hy.expression(0.0)
     s, w, _, tau, y, q = symbols
-    m_t, m_p, k_c, d, k_t, c_t, L0, H, x0, front, rear, k_s, c_s = (hy.par[place] for place in range(len(LAW)))
-    a, cut, alarm, length, speed, pressed, front_on, rear_on = (
-        hy.par[place] for place in range(len(LAW), len(PARAMETERS))
-    )
+    numbers = [hy.par[index] for index in range(len(PARAMETERS))]
+    m_t, m_p, k_c, d, k_t, c_t, L0, H, x0, front, rear, k_s, c_s = numbers[: len(LAW)]
+    a, cut, alarm, length, speed, pressed, front_on, rear_on = numbers[len(LAW) :]
     x, x_dot, T = x0 + length * y, speed * q, zero
     front_force, rear_force = k_s * (x - front) + c_s * x_dot, k_s * (rear - x) - c_s * x_dot
     if kind == "SpringDamper":
@@ -81,7 +66,7 @@ def integrator(kind: str, touching: bool, tolerance: float, number: Any) -> tupl
         [*zip(symbols, derivatives, strict=True)], [number(0.0)] * len(STATE), tol=number(tolerance), fp_type=number,
         t_events=[hy.t_event(gauge, direction=direction, fp_type=number) for _, direction, gauge in events],
     )  # fmt: skip
-    names = {-1 - place: name for place, (name, _, _) in enumerate(events)}
+    names = {-1 - index: name for index, (name, _, _) in enumerate(events)}
     return made, names | {int(hy.taylor_outcome.time_limit): "cut"}
 
 
@@ -97,12 +82,21 @@ class TaylorApproach:
         assert motion.brake is not None
         self.brake, self.motion, self.number = motion.brake, motion, number
         self.distance, self.duration = scene.object.distance, duration
-        kind = type(scene.coupling).__name__
+        coupling, contact, kind = scene.coupling, scene.contact, type(scene.coupling).__name__
         self.integrators = [integrator(kind, touching, tolerance, number) for touching in (False, True)]
         m_t, m_p = scene.tool.mass, scene.object.mass
-        self.M = m_p if isinstance(scene.coupling, ig.Rigid) else m_t * m_p / (m_t + m_p)  # kg, reduced mass
+        self.M = m_p if isinstance(coupling, ig.Rigid) else m_t * m_p / (m_t + m_p)  # kg, reduced mass
         numbers = (motion.acceleration, 0.0, 1.0 / self.brake.threshold, 1.0, 1.0, 1.0, 1.0, 0.0)
-        self.par = law_of(scene) | dict(zip(PARAMETERS[len(LAW) :], numbers, strict=True))
+        self.par = dict.fromkeys(LAW, 0.0) | dict(zip(PARAMETERS[len(LAW) :], numbers, strict=True))
+        d = damping_factor("hu-guo", contact.restitution, 1.5, 1.5)
+        self.par |= {"m_t": m_t, "m_p": m_p, "k_c": contact.stiffness, "d": d}
+        if isinstance(coupling, ig.SpringDamper):
+            c_t = 2.0 * coupling.damping_ratio * math.sqrt(coupling.stiffness * m_t)
+            self.par |= {"k_t": coupling.stiffness, "c_t": c_t}
+        if isinstance(coupling, ig.Bistable):
+            law = BistableForce(coupling, m_t)
+            self.par |= {"k_t": law.k, "L0": law.L0, "H": law.H, "x0": law.x0, "k_s": law.k_s, "c_s": law.c_s}
+            self.par |= {"front": coupling.front_stop, "rear": coupling.rear_stop}
         # times (s) at which the commanded acceleration changes, and the new accelerations (m/s^2; nan: end of the run)
         self.changes = [(motion.speed / motion.acceleration, 0.0), (duration, math.nan)]
         self.seconds = 0.0  # s, processor time of heyoka

@@ -3,9 +3,7 @@
 Times at an error are compared as in the work-precision diagrams of SciMLBenchmarks (Rackauckas et al.).
 """
 
-import math
 from collections.abc import Iterator
-from dataclasses import fields
 
 import polars as pl
 
@@ -13,48 +11,47 @@ from experiments.lab.page import factor
 from experiments.lab.parts import Section, Table
 from experiments.lab.study import SOLVER, Cell, Findings, Frames, Measurement, Study
 from experiments.studies import QUESTIONS
-from experiments.studies.solvers import contenders
-from experiments.studies.solvers.approaches import Solution, named
-from experiments.studies.solvers.contenders import HEYOKA, JUDGES, OURS, SCIPY, power
+from experiments.studies.solvers import comparison
+from experiments.studies.solvers.approaches import named
+from experiments.studies.solvers.comparison import HEYOKA, JUDGES, OURS, SCIPY, power
 from experiments.studies.speed import rates
 
-FINE, OTHER = 1e-6, (1e-4, 1e-8, 1e-10)  # m/s, errors of V_p at which contenders are compared
+FINE, OTHER = 1e-6, (1e-4, 1e-8, 1e-10)  # m/s, errors of V_p at which solvers are compared
 RTOLS = tuple(float(f"1e-{k}") for k in range(3, 14))
-CONTENDERS = {OURS: (OURS,), HEYOKA: (HEYOKA,), SCIPY: tuple(f"{SCIPY} {method}" for method in contenders.METHODS)}
+VARIANTS = {OURS: (OURS,), HEYOKA: (HEYOKA,), SCIPY: tuple(f"{SCIPY} {method}" for method in comparison.METHODS)}
 LONGEST = 800.0  # s, time limit of a cell, including the time in which heyoka compiles
 
 
-def cells(quick: bool, frames: Frames) -> Iterator[Cell]:
-    """Yield a cell for each named approach, which times all contenders in turn."""
+def cells(quick: bool, _: Frames) -> Iterator[Cell]:
+    """Yield a cell for each named approach, which times all solvers in turn."""
     rtols, rounds = ((1e-3, 1e-6, 1e-9), 1) if quick else (RTOLS, 5)
-    names = sum(CONTENDERS.values(), ())
+    names = sum(VARIANTS.values(), ())
     settings = [[name, rtol] for rtol in rtols for name in names if name != OURS or rtol > 1e-13]
-    for row in frames["truth"].iter_rows(named=True):
-        truth = {field.name: row[field.name] for field in fields(Solution) if not math.isnan(row[field.name])}
-        arguments = {"approach": row["scene"], "truth": truth, "settings": settings, "rounds": rounds}
-        yield Cell({"scene": row["scene"], "description": row["description"]}, arguments)
+    for name, (description, _approach) in named().items():
+        arguments = {"approach": name, "settings": settings, "rounds": rounds}
+        yield Cell({"scene": name, "description": description}, arguments)
 
 
-def cheapest(rows: pl.DataFrame, contender: str, error: float) -> float | str:
+def cheapest(rows: pl.DataFrame, solver: str, error: float) -> float | str:
     """Return the least time (µs) of a setting whose error, like the errors at finer settings, is at most `error` (m/s).
 
-    If there is none, return the failures of the contender, or "not reached".
+    If there is none, return the failures of the solver, or "not reached".
     """
-    rows = rows.filter(pl.col("contender").is_in(CONTENDERS[contender])).sort("setting")
-    keeps = (pl.col("velocity_error") <= error).fill_null(value=False).cast(pl.Int8).cum_min().over("contender") == 1
+    rows = rows.filter(pl.col("solver").is_in(VARIANTS[solver])).sort("setting")
+    keeps = (pl.col("velocity_error") <= error).fill_null(value=False).cast(pl.Int8).cum_min().over("solver") == 1
     times = rows.filter(keeps)["microseconds"].to_list()
     return min(times) if times else "; ".join(sorted({*rows["failure"]} - {"", None})) or "not reached"
 
 
 def table_of(times: pl.DataFrame, error: float) -> Table:
-    """Return the times of all contenders at an error (m/s) and their ratios to ours, a row for each approach."""
+    """Return the times of all solvers at an error (m/s) and their ratios to ours, a row for each approach."""
     lines = []
     for (scene, what), cell in times.group_by("scene", "description", maintain_order=True):
-        ours, *theirs = (cheapest(cell, name, error) for name in CONTENDERS)
+        ours, *theirs = (cheapest(cell, name, error) for name in VARIANTS)
         ratio = (factor(each / ours) if isinstance(each, float) and isinstance(ours, float) else "-" for each in theirs)
         shown = (f"{each:,.0f}" if isinstance(each, float) else each for each in (ours, *theirs))
         lines.append([str(scene), str(what), *shown, *ratio])
-    heads = (*(f"{name} (µs)" for name in CONTENDERS), *(f"{name} / {OURS}" for name in [*CONTENDERS][1:]))
+    heads = (*(f"{name} (µs)" for name in VARIANTS), *(f"{name} / {OURS}" for name in [*VARIANTS][1:]))
     caption = (f"Processor time of an approach, fastest setting with an error of at most {power(error)} m/s in V_p; "
                f"{SCIPY}: only of the approach's contacts")  # fmt: skip
     return Table(caption, ("approach", "what it is", *heads), lines, "speed-cheapest" if error == FINE else "")
@@ -76,7 +73,7 @@ def about_times(times: pl.DataFrame) -> tuple[str, list[Section]]:
         Section("Who is cheapest at other errors", [table_of(times, each) for each in OTHER], folded=True),
         Section("What is compared, and how fair it is", [
             "Truth: the slow independent solver (experiments/reference) with DOP853 at rtol "
-            f"{power(contenders.TRUE_RTOL)}.",
+            f"{power(comparison.TRUE_RTOL)}.",
             "impact_gym: the whole call of simulate, flights and records included, on one core.",
             "heyoka: the same equations, in the root of the penetration, where they are smooth. Only the calls of the "
             "library count, flights included, on one thread; compiling does not count.",
@@ -99,11 +96,9 @@ STUDY = Study(
     name="speed",
     question=QUESTIONS["speed"],
     measurements=(
-        Measurement("truth", lambda *_: [Cell({"scene": name}, {"approach": name}) for name in named()],
-                    contenders.true_row, JUDGES),
         Measurement(
-            "times", cells, contenders.timed, (*SOLVER, *JUDGES), seconds=LONGEST, processes=1,
-            failed=lambda _: {"contender": OURS, "setting": FINE},
+            "times", cells, comparison.timed, (*SOLVER, *JUDGES), seconds=LONGEST, processes=1,
+            failed=lambda _: {"solver": OURS, "setting": FINE},
         ),
         # processes=0, because other processes are limited to one thread
         Measurement("cost", lambda quick, _: [Cell({}, {"quick": quick})], rates.cost,

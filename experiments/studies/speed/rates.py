@@ -22,7 +22,7 @@ from agents.setups import load_setup
 from agents.train.__main__ import TrainOptions
 from agents.train.__main__ import run as train
 from experiments.lab.parts import Section, Table
-from experiments.lab.scenes import LINEAR, MECHANISM, MOTION, scene
+from experiments.lab.scenes import BISTABLE, LINEAR, MOTION, scene
 from experiments.lab.study import Row
 from impact_gym.robot import IMPACT, default_approach
 from impact_gym.task import evaluation_sets
@@ -42,7 +42,7 @@ def cases() -> dict[str, dict[str, Any]]:
     return {
         "spring and damper, rigid robot, rtol 1e-8": {},
         "rigid coupling": {"coupling": ig.Rigid()},
-        "bistable coupling, the paper's": {"coupling": MECHANISM},
+        "bistable coupling, the paper's": {"coupling": BISTABLE},
         "bistable coupling for slow touches": {"coupling": load_setup("bistable-blind").task.coupling},
         "robot: one mass on a spring": {"robot": arm.at(IMPACT)},
         "robot: table along the path": {"robot": arm.robot_table()},

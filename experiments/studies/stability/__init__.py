@@ -1,5 +1,6 @@
-"""`impact-gym study stability`: robustness of the solver on 10,000 random scenes, the storm."""
+"""`impact-gym study stability`: robustness of the solver on 10,000 random scenes."""
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -8,24 +9,24 @@ import polars as pl
 from experiments.lab.parts import Section, Table
 from experiments.lab.study import SOLVER, Cell, Findings, Frames, Measurement, Row, Study
 from experiments.studies import QUESTIONS
-from experiments.studies.solvers import approaches
-from experiments.studies.solvers.contenders import JUDGES
-from experiments.studies.stability.storm import storm_row, truth_row
+from experiments.studies.solvers.approaches import random_approach
+from experiments.studies.solvers.comparison import JUDGES
+from experiments.studies.stability.checks import scene_row, truth_row
 
 SCENES = 10_000  # number of random scenes
 HANG = 120.0  # s, time limit of one scene, of each solver
 EVERY, FIRST = 50, 17  # the independent solver also solves scenes 17, 67, 117, ...
 SLOWEST = 50.0  # ms, allowed processor time of a run
 MOMENTUM = 1e-9  # allowed ratio of the error of momentum to the impulse of a contact
-ENERGY = 1e-6  # allowed `energy_created` minus `energy_doubt`, see CHECKS in `storm`
-PULL = 1e-12  # allowed `pull`, see CHECKS in `storm`; rounding alone causes less
+ENERGY = 1e-6  # allowed `energy_created` minus `energy_doubt`, see CHECKS in `checks`
+PULL = 1e-12  # allowed `pull`, see CHECKS in `checks`; rounding alone causes less
 AGREEMENT = 1e-6  # allowed relative difference of V_p between two solutions
 FINISHED = pl.col("failure") == ""
 TRACED = FINISHED & pl.col("traced")
 
 
 class Promise(NamedTuple):
-    """A promise about rows of the storm. A row breaks the promise if `kept` is false or null."""
+    """A promise about rows of the table `scenes`. A row breaks the promise if `kept` is false or null."""
 
     text: str
     number: pl.Expr  # shown for each row that breaks the promise
@@ -43,8 +44,7 @@ class Promise(NamedTuple):
         """Return the row of the table of promises: how many rows break the promise, and what `number` was."""
         about, broken = rows.filter(self.about), self.broken(rows).height
         numbers = about.select(number=self.number)["number"]
-        known = (numbers.clear() if numbers.dtype == pl.Boolean else numbers.drop_nulls()).to_numpy()
-        known = known[np.isfinite(known)] if known.size else known
+        known = (numbers.filter(numbers.is_finite()) if numbers.dtype.is_float() else numbers.clear()).to_numpy()
         middle, largest = (f"{np.median(known):.3g}", f"{np.max(known):.3g}") if known.size else ("-", "-")
         return {"promise": self.text, "kept": "yes" if about.height and not broken else "no",
                 "scenes": f"{about.height:,}", "scenes that break it": f"{broken:,}",
@@ -69,11 +69,11 @@ AGREES = Promise("V_p within 1e-6 of the independent solver", pl.col("velocity_e
 
 
 def failures(rows: pl.DataFrame) -> pl.DataFrame:
-    """Return a row for each scene of the storm and each promise that it breaks."""
+    """Return a row for each scene and each promise that it breaks."""
     return pl.concat([promise.broken(rows) for promise in PROMISES]).sort("scene")
 
 
-def agreement(storm: pl.DataFrame, truths: pl.DataFrame) -> pl.DataFrame:
+def agreement(scenes: pl.DataFrame, truths: pl.DataFrame) -> pl.DataFrame:
     """Return the scenes that the independent solver solved.
 
     The column `apart` is true if V_p or the number of snap-throughs (`passes`) differs, or if our solver failed.
@@ -85,12 +85,12 @@ def agreement(storm: pl.DataFrame, truths: pl.DataFrame) -> pl.DataFrame:
     error = (pl.col("object_velocity") - pl.col("true_velocity")).abs() / size
     alike = (pl.col("velocity_error") <= AGREEMENT) & (pl.col("passes") == pl.col("true_passes"))
     apart = ~(FINISHED & alike.fill_null(value=False))
-    return storm.join(known, on="scene").with_columns(velocity_error=error).with_columns(apart=apart)
+    return scenes.join(known, on="scene").with_columns(velocity_error=error).with_columns(apart=apart)
 
 
 def analyse(frames: Frames, quick: bool) -> Findings:
     """Return which of `PROMISES` are kept, and tables of the scenes that break a promise."""
-    rows, truth = frames["storm"], frames["truth"]
+    rows, truth = frames["scenes"], frames["truth"]
     judged, broken = agreement(rows, truth), failures(rows)
     found = [*(each.finding(rows) for each in PROMISES), AGREES.finding(judged)]
     missed, failing = sum(row["kept"] != "yes" for row in found), broken["scene"].n_unique()
@@ -108,26 +108,31 @@ def analyse(frames: Frames, quick: bool) -> Findings:
         ]),
         Section("How it is checked", [
             "Scenes: every coupling with every robot, every published law of dissipation, several exponents. Scene k "
-            "depends on the number k alone: experiments.studies.solvers.approaches.storm(k), with the ranges.",
+            "depends on the number k alone: random_approach(k) of experiments/studies/solvers/approaches.py.",
             "Time (ms): processor time of one simulate without trace; the shorter of two if the first took over 20 ms. "
-            "Errors of momentum and energy, pull: see the docstrings of experiments/studies/stability/storm.py.",
+            "Errors of momentum and energy, pull: see the docstrings of experiments/studies/stability/checks.py.",
         ]),
     ], {"failures": broken, "agreement": judged})  # fmt: skip
+
+
+def cells(numbers: Iterable[int]) -> list[Cell]:
+    """Return a cell for each scene."""
+    return [Cell({"scene": number}, {"number": number}) for number in numbers]
+
+
+def described(labels: Row) -> Row:
+    """Return the columns of a scene that was not solved."""
+    return random_approach(labels["scene"]).about
 
 
 STUDY = Study(
     name="stability",
     question=QUESTIONS["stability"],
     measurements=(
-        Measurement(
-            "storm",
-            lambda quick, _: [Cell({"scene": k}, {"number": k}) for k in range(SCENES // 50 if quick else SCENES)],
-            storm_row, (*SOLVER, *JUDGES), lambda labels: approaches.storm(labels["scene"]).about, HANG,
-        ),
-        Measurement(
-            "truth", lambda _, of: [Cell({"scene": k}, {"number": k}) for k in range(FIRST, of["storm"].height, EVERY)],
-            truth_row, JUDGES, lambda labels: approaches.storm(labels["scene"]).about, HANG,
-        ),
+        Measurement("scenes", lambda quick, _: cells(range(SCENES // 50 if quick else SCENES)), scene_row,
+                    (*SOLVER, *JUDGES), described, HANG),
+        Measurement("truth", lambda _, of: cells(range(FIRST, of["scenes"].height, EVERY)), truth_row, JUDGES,
+                    described, HANG),
     ),
     analyse=analyse,
 )  # fmt: skip

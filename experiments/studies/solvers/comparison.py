@@ -1,10 +1,8 @@
-"""Errors and processor times (one thread) of contenders, which are solvers that compute an approach."""
+"""Errors and processor times (one thread) of solvers that compute an approach."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Sequence
 from time import thread_time
-from typing import Any
 
 import impact_gym as ig
 from experiments import reference
@@ -14,10 +12,10 @@ from experiments.studies.solvers.taylor import TaylorApproach
 
 OURS, SCIPY, HEYOKA = "impact_gym", "SciPy", "heyoka"  # "SciPy": `experiments.reference` with METHODS of SciPy
 METHODS = ("RK45", "DOP853", "LSODA", "Radau")
-# modules on which the rows of contenders depend, in addition to `experiments.lab.study.SOLVER`
+# modules on which the rows of all solvers depend, in addition to `experiments.lab.study.SOLVER`
 JUDGES = ("experiments.reference", "experiments.lab.scenes", "experiments.studies.solvers")
 MISCOUNTED, WRONG, NOT_FINITE, GAVE_UP = "V_p right, events miscounted", "V_p wrong", "not finite", "gave up"
-TOO_WRONG = 1e-2  # m/s, error of V_p above which a contender has failed
+TOO_WRONG = 1e-2  # m/s, error of V_p above which a solver has failed
 TRUE_RTOL = 1e-13  # rtol of the slow solver that computes the truth
 LEAST, MOST_CALLS = 2e-2, 2000  # a call is repeated until its times sum up to LEAST (s), at most MOST_CALLS times
 SLOW = 0.2  # s; a longer call is timed only in the first round
@@ -38,28 +36,21 @@ def failure(solution: Solution, truth: Solution, allowed: float) -> str:
     return "" if counts[0] == counts[1] else MISCOUNTED
 
 
-def true_row(approach: str) -> list[Row]:
-    """Return the truth for a named approach, computed by the slow solver with DOP853."""
-    found = named()[approach]
-    outcome = reference.simulate(*found.run, rtol=TRUE_RTOL, method="DOP853")
-    return [{"description": found.description} | asdict(Solution.of(outcome, found.duration))]
-
-
 def solved(approach: Approach, name: str, setting: float) -> tuple[Solution, float]:
-    """Return a contender's solution at the rtol `setting`, and the processor time (s).
+    """Return a solver's solution at the rtol `setting`, and the processor time (s).
 
     impact_gym: time of the call of `simulate`. SciPy: time of the contacts, because the reference computes flights
     without METHODS. heyoka: time in the library.
     """
     kind, _, method = name.partition(" ")
     if kind == SCIPY:
-        outcome = reference.simulate(*approach.run, rtol=setting, method=method)
+        outcome = reference.simulate(*approach, rtol=setting, method=method)
         return Solution.of(outcome, approach.duration), outcome.contact_seconds
     if kind == HEYOKA:
-        run = TaylorApproach(*approach.run, setting)
+        run = TaylorApproach(*approach, setting)
         return run.solve(), run.seconds
     begun = thread_time()
-    ours = ig.simulate(*approach.run, setting)
+    ours = ig.simulate(*approach, setting)
     seconds = thread_time() - begun
     return Solution.of(ours, approach.duration), seconds
 
@@ -73,7 +64,7 @@ def judged(approach: Approach, name: str, setting: float, truth: Solution) -> Ro
         times = [seconds]
         while sum(times) < LEAST and len(times) < MOST_CALLS:
             times.append(solved(approach, name, setting)[1])
-    except Exception as problem:  # a contender's failure is a result
+    except Exception as problem:  # a solver's failure is a result
         reason = f"{GAVE_UP}: {type(problem).__name__}: {problem}".replace("\n", " ")
         return {"microseconds": math.inf, "failure": reason}
     counts = {name: getattr(solution, name) for name in ("contacts", "passes")}
@@ -81,15 +72,19 @@ def judged(approach: Approach, name: str, setting: float, truth: Solution) -> Ro
     return {**found, "failure": failure(solution, truth, TOO_WRONG), **counts}
 
 
-def timed(approach: str, truth: Mapping[str, Any], settings: Sequence[tuple[str, float]], rounds: int) -> list[Row]:
-    """Return a row of `judged` for each setting (contender, rtol), with the shortest time of `rounds` rounds."""
-    found, true = named()[approach], Solution(**truth)
+def timed(approach: str, settings: Sequence[tuple[str, float]], rounds: int) -> list[Row]:
+    """Return a row of `judged` for each setting (solver, rtol), with the shortest time of `rounds` rounds.
+
+    The truth is that of the slow solver with DOP853.
+    """
+    _, found = named()[approach]
+    truth = Solution.of(reference.simulate(*found, rtol=TRUE_RTOL), found.duration)
     solved(found, OURS, 1e-8)  # a first call, which loads modules and tables, is not timed
     rows: dict[tuple[str, float], Row] = {}
     for _ in range(rounds):
-        for contender, setting in settings:
-            before = rows.get((contender, setting), {"microseconds": math.inf})
+        for solver, setting in settings:
+            before = rows.get((solver, setting), {"microseconds": math.inf})
             if before["microseconds"] <= 1e6 * SLOW or "failure" not in before:
-                row = judged(found, contender, setting, true)
-                rows[contender, setting] = {**row, "microseconds": min(row["microseconds"], before["microseconds"])}
-    return [{"contender": name, "setting": setting, **row} for (name, setting), row in rows.items()]
+                row = judged(found, solver, setting, truth)
+                rows[solver, setting] = {**row, "microseconds": min(row["microseconds"], before["microseconds"])}
+    return [{"solver": name, "setting": setting, **row} for (name, setting), row in rows.items()]

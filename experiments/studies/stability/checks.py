@@ -1,4 +1,4 @@
-"""Simulate random scenes, called the storm, and check each result by laws of physics.
+"""Simulate random approaches, and check each result by laws of physics.
 
 Energy. M is the reduced mass of tool and object, delta the penetration, v_in and v_out are the velocities of approach
 and separation. All forces but the contact force give the tool the acceleration a, relative to the object. The contact
@@ -25,7 +25,7 @@ import impact_gym as ig
 from experiments import reference
 from experiments.lab.study import Row
 from experiments.reference.laws import damping_factor
-from experiments.studies.solvers.approaches import Approach, Solution, storm
+from experiments.studies.solvers.approaches import Approach, Solution, random_approach
 from impact_gym.physics.impact import GRAVITY
 
 NEVER = 1e6  # s, taken as the end of an unfinished contact
@@ -52,7 +52,7 @@ def run(approach: Approach, rtol: float = 1e-8) -> tuple[ig.Outcome | None, str,
     """Return the outcome or None, the error or "", and the processor time (ms) of a call of `simulate`."""
     begun, outcome, problem = thread_time(), None, ""
     try:
-        outcome = ig.simulate(*approach.run, rtol)
+        outcome = ig.simulate(*approach, rtol)
     except Exception as error:  # becomes `failure` in the row of the scene
         problem = f"{type(error).__name__}: {error}".replace("\n", " ")
     return outcome, problem, 1e3 * (thread_time() - begun)
@@ -70,26 +70,26 @@ def row_of(approach: Approach, simulate: Callable[..., ig.Outcome] = ig.simulate
     row |= {"steps": outcome.steps, "contacts": len(outcome.contacts), "passes": len(outcome.snap_through)}
     row |= {"object_velocity": v_p}
     if traced:
-        outcome, (finer, *_) = simulate(*approach.run, trace=True), run(approach, FINER)
+        outcome, (finer, *_) = simulate(*approach, trace=True), run(approach, FINER)
         is_finite = is_finite and finite(outcome)
         velocity = finer.object_velocity if finer else math.nan
         row["finer_change"] = abs(velocity - v_p) / max(abs(v_p), 1e-6 * approach.motion.speed)
     return row | {"finite": is_finite, "traced": traced} | checked(approach.scene, outcome)
 
 
-def storm_row(number: int) -> list[Row]:
+def scene_row(number: int) -> list[Row]:
     """Return the row of scene `number`, in a list."""
-    return [row_of(storm(number))]
+    return [row_of(random_approach(number))]
 
 
 def truth_row(number: int) -> list[Row]:
     """Return the row of the independent solver for scene `number`, in a list."""
-    approach = storm(number)
+    approach = random_approach(number)
     law = approach.scene.contact
     d = damping_factor(law.dissipation, law.restitution, law.stiffness_exponent, law.damping_exponent)
     method, rtol = ("Radau", 1e-10) if d > STIFF else ("DOP853", 1e-11)
-    solution = Solution.of(reference.simulate(*approach.run, rtol=rtol, method=method), approach.duration)
-    return [{**approach.about, "failure": "", "method": method, **vars(solution)}]
+    solution = Solution.of(reference.simulate(*approach, rtol=rtol, method=method), approach.duration)
+    return [{**approach.about, "failure": "", "method": method, **solution._asdict()}]
 
 
 def finite(outcome: ig.Outcome) -> bool:
