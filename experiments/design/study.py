@@ -23,7 +23,7 @@ from experiments.design.variables import as_built
 from experiments.lab import grid
 from experiments.lab.charts import OTHERS, SERIES
 from experiments.lab.parts import Picture, Section, Table, percent
-from experiments.lab.statistics import Resamples, estimate, velocity_at_time_of
+from experiments.lab.statistics import Resamples, reduction, velocity_at_time_of
 from experiments.lab.study import Cell, Findings, Frames, Measurement, Study
 from impact_gym.couplings import Bistable
 from impact_gym.quantities import QUANTITIES
@@ -183,7 +183,7 @@ def analyse(options: DesignOptions, frames: Frames, _: bool) -> Findings:
     weighted = {name: rows.rename({"allowed": "weight"}).with_row_index("episode") for name, rows in lines.items()}
     fronts = {name: grid.front_of(played, resamples) for name, played in weighted.items()}
     paper = fronts.pop(PAPER)
-    gains = {name: estimate(1.0 - velocity_at_time_of(paper, front) / paper[1][:, 0]) for name, front in fronts.items()}
+    gains = {name: reduction(velocity_at_time_of(paper, front), paper[1][:, 0]) for name, front in fronts.items()}
     chosen = lines[CHOSEN].filter(allowed=options.typical)
     moved = max(row["deflection"] for row in rows if row["line"] == CHOSEN)
     missed = f" It misses {chosen['missed'].sum()} of {chosen.height} objects." if chosen["missed"].any() else ""
