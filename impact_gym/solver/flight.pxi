@@ -15,7 +15,7 @@ cdef double gap_closes(double gap, double speed, double acceleration) noexcept n
         return INFINITY
     if speed > 0.0:
         return 2.0 * gap / (speed + sqrt(square)) if gap > 0.0 else 0.0
-    if acceleration > 0.0:  # the gap opens piece, and closes later
+    if acceleration > 0.0:  # the gap opens now, and closes later
         return (sqrt(square) - speed) / acceleration
     return INFINITY
 

@@ -99,7 +99,7 @@ cdef struct Link:  # operator, channels and assistance of a row
     double expires  # s, when `command` becomes too old
     double idle_since  # s, when `command` last changed to 0; inf: `command` is not 0, or has always been 0
     double stop  # s, when a model of an operator stops because of a touch; inf: not known yet
-    double seen_position  # m, flange position in the newest packet that the operator has attempts
+    double seen_position  # m, flange position in the newest packet that the operator has seen
     double alarmed  # s, when the last alarm reached the controller; -inf before the first
     double believed  # m, assumed distance of the object
     double duration  # s, duration of the operator's motion, if the operator is a `Reach`
@@ -111,7 +111,7 @@ cdef struct Link:  # operator, channels and assistance of a row
     double age_mean, age_squares  # s, s^2: mean age of used commands on arrival, sum of the squares of (age - mean)
     # counts: `packets` sent, `arrived` used, `ticks` sent regularly; `oldest`: index of the oldest usable command
     int64_t packets, oldest, arrived, ticks
-    int64_t display_packets, seen_packet  # number of packets sent to the display; index of the newest `Packet` attempts
+    int64_t display_packets, seen_packet  # number of packets sent to the display; index of the newest `Packet` seen
     int64_t expired, stopped  # 0 or 1: `command` has expired; the operator has stopped
     int64_t uplink_lost, downlink_lost  # 0 or 1: result of `is_lost` for the channel's last packet
 
