@@ -49,7 +49,7 @@ def read_options(module, words, monkeypatch):
         def reading(*arguments, **options):
             command = read(*arguments, **options)
             if module == MODULES["study"]:
-                assert {*command.options.only} <= {table.name for table in studies.load(command.name).measurements}
+                assert {*command.only} <= {table.name for table in studies.load(command.name).measurements}
             sys.exit()
 
         return reading
