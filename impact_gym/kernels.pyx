@@ -128,6 +128,7 @@ def approach_rows(
     cdef Work work
     cdef Law law
     cdef const Approach *plan = <const Approach *> memory_of(plans)
+    cdef const Contact *given
     cdef Chain *chain = <Chain *> memory_of(chains)
     cdef int64_t i
     run.tables = <const double *> memory_of(tables)
@@ -136,7 +137,8 @@ def approach_rows(
     with nogil:
         for i in range(first, last):
             law_to_kernel(&plan[i].mount, &law)
-            run.law, run.contact = &law, plan[i].contact
+            run.law, given = &law, &plan[i].contact
+            run.contact = contact_of(given.stiffness, given.nominal, given.m, given.n, given.reference)
             run.object_mass, run.threshold = plan[i].object_mass, plan[i].threshold
             run.ground = STANDARD_GRAVITY * plan[i].friction
             approach(&run, &chain[i], &plan[i])

@@ -58,6 +58,29 @@ def test_a_number_without_a_place_in_the_record_is_refused(monkeypatch):
     refused(lambda: ig.simulate(scene(), MOTION), "'viscosity'", "coupling.viscosity", "quantities.py")
 
 
+@dataclass(frozen=True, slots=True)
+class Paired(Coupling):
+    """A spring and damper whose numbers depend on each other."""
+
+    stiffness: float
+    damping_ratio: float
+
+    def __post_init__(self):
+        if self.stiffness * self.damping_ratio > 100.0:
+            raise ValueError("too much")
+
+    def kernel(self):
+        """The kind and numbers of a `SpringDamper`."""
+        return kernels.SPRING_DAMPER, {"stiffness": self.stiffness, "damping_ratio": self.damping_ratio}
+
+
+def test_own_checks_of_a_coupling_hold_in_a_sweep():
+    varied = {"coupling.stiffness": [50.0, 150.0]}
+    refused(lambda: ig.sweep(scene(coupling=Paired(50.0, 1.0)), MOTION, varied), "at (1,): too much")
+    paired, spring = (ig.sweep(scene(coupling=each), MOTION, varied) for each in (Paired(50.0, 0.4), SPRING))
+    assert np.array_equal(paired.object_velocity, spring.object_velocity)
+
+
 @pytest.mark.parametrize("answer", [
     lambda held: ig.sweep(scene(coupling=held), MOTION, {"tool.mass": [0.1]}), lambda held: held.pull(0.0, 0.0, MASS),
     lambda held: ig.simulate(scene(coupling=held), MOTION), lambda held: ig.advise(scene(coupling=held), MOTION),

@@ -49,11 +49,14 @@ def step_once(plan, table, chain, double acceleration, bint flying, x, double h,
     cdef Piece now
     cdef Law law
     cdef const Approach *given = <const Approach *> memory_of(plan)
+    cdef const Contact *contact
     cdef Events events
     cdef double error
     cdef int i, j
     law_to_kernel(&given.mount, &law)
-    run.law, run.tables, run.contact = &law, <const double *> memory_of(table), given.contact
+    run.law, run.tables = &law, <const double *> memory_of(table)
+    contact = &given.contact
+    run.contact = contact_of(contact.stiffness, contact.nominal, contact.m, contact.n, contact.reference)
     run.object_mass, run.threshold, run.tolerance = given.object_mass, given.threshold, 1.0
     run.ground = STANDARD_GRAVITY * given.friction
     begin_piece(&run, <const Chain *> memory_of(chain), acceleration, INFINITY, flying, &now)
