@@ -30,12 +30,14 @@ def _codes(record: np.dtype[Any]) -> str:
 _APPROACH = struct.Struct(_codes(kernels.APPROACH))
 
 
-def places(kind: np.dtype[Any], before: int = 0) -> dict[str, int]:
+def indices(kind: np.dtype[Any], before: int = 0) -> dict[str, int]:
     """Return a dict from the dotted path of each number of a compiled record to the number's index."""
     by_name: dict[str, int] = {}
     for name, (inner, offset, *_) in (kind.fields or {}).items():
         at = before + offset // 8
-        by_name |= {f"{name}.{rest}": place for rest, place in places(inner, at).items()} if inner.names else {name: at}
+        by_name |= (
+            {f"{name}.{rest}": index for rest, index in indices(inner, at).items()} if inner.names else {name: at}
+        )
     return by_name
 
 
@@ -112,7 +114,7 @@ _NO_ROBOT = (0.0,) * len(ROBOT_NUMBERS)
 
 
 def _in_order(names: tuple[str, ...], given: dict[str, float], record: str) -> tuple[float, ...]:
-    """Return the numbers of a compiled record in its order, 0 for those not given; ValueError: one has no place."""
+    """Return the numbers of a compiled record in its order, 0 for those not given; ValueError: one is not in it."""
     numbers = dict.fromkeys(names, 0.0) | given
     if len(numbers) > len(names):
         unknown = min(given.keys() - {*names})
