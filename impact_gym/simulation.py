@@ -88,7 +88,7 @@ def simulate(
         end.steps,
         "ok",
         Trace.of(points[: end.traced]) if trace else None,
-        tuple(snaps[: end.snaps].tolist()),
+        tuple(snaps[: end.snaps].tolist()) if end.snaps else (),
         end.peak_object_velocity,
         *((end.slide, end.rest_time) if scene.object.friction else (None, None)),
     )

@@ -18,8 +18,10 @@ from impact_gym.scene import Robot, RobotTable, Scene
 Numbers = NDArray[np.float64]
 
 NO_TABLE: Numbers = np.zeros(1)
-COUPLING_NUMBERS: tuple[str, ...] = kernels.MOUNT["coupling"].names or ()
-ROBOT_NUMBERS: tuple[str, ...] = kernels.MOUNT["robot"].names or ()
+COUPLING_NUMBERS, ROBOT_NUMBERS = (
+    dict.fromkeys(kernels.MOUNT[part].names or (), 0.0) for part in ("coupling", "robot")
+)
+"""Numbers of compiled records by name, in the order of the record, for a part that has none of them."""
 
 
 def _codes(record: np.dtype[Any]) -> str:
@@ -110,14 +112,14 @@ def _approach(
     return (coupling_kind, robot_kind, tool_mass, *coupling, *robot, *rest, *contact, *numbers), table
 
 
-_NO_ROBOT = (0.0,) * len(ROBOT_NUMBERS)
+_NO_ROBOT = tuple(ROBOT_NUMBERS.values())
 
 
-def _in_order(names: tuple[str, ...], given: dict[str, float], record: str) -> tuple[float, ...]:
+def _in_order(none: dict[str, float], given: dict[str, float], record: str) -> tuple[float, ...]:
     """Return the numbers of a compiled record in its order, 0 for those not given; ValueError: one is not in it."""
-    numbers = dict.fromkeys(names, 0.0) | given
-    if len(numbers) > len(names):
-        unknown = min(given.keys() - {*names})
+    numbers = none | given
+    if len(numbers) > len(none):
+        unknown = min(given.keys() - none.keys())
         raise ValueError(f"the record {record} of the compiled program has no number {unknown!r}: "
                          f"add a row {record}.{unknown} to impact_gym/quantities.py")  # fmt: skip
     return tuple(numbers.values())

@@ -44,9 +44,10 @@ def test_lag_holds_the_tool_at_a_steady_acceleration():
     assert ig.Bistable().pull(0.0, 0.0, MASS) == pytest.approx(0.0, abs=1e-9)  # spring and stop balance at rest
 
 
-@pytest.mark.parametrize("place", range(len(to_kernel.COUPLING_NUMBERS) + 1))
-def test_one_more_number_of_a_record_changes_no_other(place, monkeypatch):
-    monkeypatch.setattr(to_kernel, "COUPLING_NUMBERS", np.insert(to_kernel.COUPLING_NUMBERS, place, "more").tolist())
+@pytest.mark.parametrize("index", range(len(to_kernel.COUPLING_NUMBERS) + 1))
+def test_one_more_number_of_a_record_changes_no_other(index, monkeypatch):
+    names = np.insert([*to_kernel.COUPLING_NUMBERS], index, "more").tolist()
+    monkeypatch.setattr(to_kernel, "COUPLING_NUMBERS", dict.fromkeys(names, 0.0))
     for coupling in (ig.Rigid(), SPRING, STOPPED, ig.Bistable()):
         (_, _, _, numbers, *_), _ = to_kernel.mount_to_kernel(MASS, coupling)
         given = dict(zip(to_kernel.COUPLING_NUMBERS, numbers, strict=True))
