@@ -126,6 +126,19 @@ def test_sweep_over_nothing_has_its_shape(varied, shape):
     assert ig.sweep(SCENE, MOTION, varied).object_velocity.shape == shape
 
 
+@pytest.mark.parametrize(("name", "rows"), [("_CONTACT_ROWS", 1), ("_SNAP_ROWS", 0), ("_TRACE_ROWS", 1)])
+def test_rows_beyond_the_first_arrays_are_not_lost(name, rows, monkeypatch):
+    monkeypatch.setattr(simulation, name, rows)
+    bouncing, snapping = scene(1e6, 1.0, SPRING, m_p=1.0), scene(1e4, 0.5, ig.Bistable())
+    many, snapped = (ig.simulate(chain, MOTION, trace=True) for chain in (bouncing, snapping))
+    starts, pushed = [contact.start for contact in many.contacts], many.trace.contact_force > 0.0
+    assert len(starts) == (pushed[1:] > pushed[:-1]).sum() > 1
+    assert starts == sorted({*starts})
+    assert many.trace.time[-1] == pytest.approx(1.5)
+    passed = snapped.trace.time[np.argmin(snapped.trace.tool_position - snapped.trace.flange_position)]
+    assert 0.0 < snapped.snap_through[0] < passed
+
+
 def test_run_that_cannot_finish_says_why_and_affects_no_other(monkeypatch):
     monkeypatch.setattr(simulation, "MAX_STEPS", 50_000)
     stiffness = [1e5, 1e18, 1e4]  # N/m; the second robot oscillates at 160 MHz with hardly any damping
