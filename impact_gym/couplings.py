@@ -6,7 +6,7 @@ The classes check their numbers, and store them as floats in SI units; `impact_g
 import math
 import warnings
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,7 +31,10 @@ class Coupling(Parameters, path="coupling"):
     drawing: ClassVar[str] = ""  # kind of picture, a key of `DRAWINGS` in `impact_gym.render.chain`
 
     def kernel(self) -> tuple[int, dict[str, float]]:
-        """Return the kind of coupling in the compiled program, and the numbers of its record, by name."""
+        """Return the kind of coupling in the compiled program, and the numbers of its record, by name.
+
+        In a sweep, numbers of the coupling can be arrays; then the numbers of the record are arrays, too.
+        """
         raise self._lacks("kernel: its kind and numbers in the compiled program")
 
     def pull(self, deflection: float, rate: float, tool_mass: float) -> float:
@@ -132,7 +135,7 @@ class SpringDamper(Coupling):
     def kernel(self) -> tuple[int, dict[str, float]]:
         """Return the kind of coupling in the compiled program, and the numbers of its record, by name."""
         numbers = {"stiffness": self.stiffness, "damping_ratio": self.damping_ratio}
-        if self.stroke:
+        if self.stroke is not None:
             numbers |= {
                 "stop_stiffness": STOP_STIFFNESS,
                 "stop_damping_ratio": STOP_DAMPING_RATIO,
@@ -214,6 +217,11 @@ class Bistable(Held):
         if not -stroke < self.rear_stop < 0:
             allowed = f"above minus the stroke, {-stroke:.6g} m, and below 0"
             raise ValueError(f"Bistable.rear_stop must be {allowed}, got {self.rear_stop!r} m")
+
+    def fits(self) -> Any:
+        """Return whether the numbers, which may be arrays, pass the checks of `__post_init__`."""
+        stroke = np.sqrt(np.maximum((self.free_length - self.height) * (self.free_length + self.height), 0.0))
+        return (self.front_stop > 0) & (self.front_stop < stroke) & (-stroke < self.rear_stop) & (self.rear_stop < 0)
 
     @property
     def stroke(self) -> float:

@@ -130,6 +130,7 @@ def approach_rows(
     cdef Work work
     cdef ChainModel model
     cdef const RunPlan *plan = <const RunPlan *> memory_of(plans)
+    cdef const Contact *given
     cdef Chain *chain = <Chain *> memory_of(chains)
     cdef int64_t i
     run.tables = <const double *> memory_of(tables)
@@ -138,7 +139,8 @@ def approach_rows(
     with nogil:
         for i in range(first, last):
             model_to_kernel(&plan[i].mount, &model)
-            run.model, run.contact = &model, plan[i].contact
+            run.model, given = &model, &plan[i].contact
+            run.contact = contact_of(given.stiffness, given.nominal, given.m, given.n, given.reference)
             run.object_mass, run.threshold = plan[i].object_mass, plan[i].threshold
             run.ground = STANDARD_GRAVITY * plan[i].friction
             run_approach(&run, &chain[i], &plan[i])

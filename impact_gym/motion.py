@@ -33,6 +33,10 @@ class Trapezoid(Parameters, path="motion"):
         Parameters.__post_init__(self)
         one_of("Trapezoid.brake", self.brake, Brake, type(None))
 
+    def fits(self) -> bool:
+        """Return True: all speeds and accelerations fit together."""
+        return True
+
     @property
     def deceleration(self) -> float:
         """Deceleration of the brake, m/s^2; by default the acceleration."""

@@ -46,6 +46,13 @@ class Parameters:
             if value is not None or not optional:
                 object.__setattr__(self, name, check(value))
 
+    def fits(self) -> Any:
+        """Return whether the numbers, which may be arrays, fit together. A class with checks of its own overrides it.
+
+        False, as here for such a class, only means that a sweep makes a record of each row, which then checks itself.
+        """
+        return type(self).__post_init__ is Parameters.__post_init__
+
 
 class Options(Parameters):
     """Base class of the options of commands and of tables in files: a message has only the name of the field."""

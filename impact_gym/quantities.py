@@ -23,6 +23,10 @@ class Limits(NamedTuple):
     at_least: float = -math.inf
     at_most: float = math.inf
 
+    def allow(self, values: Any) -> Any:
+        """Return whether each of `values`, floats, is finite and within the limits."""
+        return (self.above < values) & (self.at_least <= values) & (values <= self.at_most) & (values < math.inf)
+
 
 class Draw(NamedTuple):
     """How an episode draws a number: uniformly, log-uniformly (`by_ratio`, if the range begins above 0) or normally.

@@ -73,7 +73,7 @@ class Contact(Parameters, path="contact"):
                 f'Contact.reference_velocity must be None unless dissipation is "fixed", got '
                 f"{self.reference_velocity!r} m/s with {self.dissipation!r}"
             )
-        if 0 < self.damping_exponent < 1:
+        if not self.fits():
             raise ValueError(
                 f"Contact.damping_exponent must be 0 or at least 1, got {self.damping_exponent!r} (no unit)"
             )
@@ -81,6 +81,10 @@ class Contact(Parameters, path="contact"):
         stiffness = number("Contact.stiffness", self.stiffness, unit, **quantity.limits._asdict())
         object.__setattr__(self, "stiffness", stiffness)
         choice("Contact.dissipation", self.dissipation, LAWS)
+
+    def fits(self) -> Any:
+        """Return whether the damping force is defined for the exponents; they may be arrays."""
+        return (self.damping_exponent == 0) | (self.damping_exponent >= 1)
 
 
 @dataclass(frozen=True, slots=True)

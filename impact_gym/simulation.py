@@ -2,32 +2,41 @@
 
 import math
 from collections import namedtuple
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from copy import deepcopy
 from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from impact_gym.couplings import warn_of_stroke
-from impact_gym.kernels import CHAIN, CONTACT, RUN_PLAN, TRACE, approach_rows
+from impact_gym.kernels import CHAIN, CONTACT, TRACE, approach_rows
 from impact_gym.motion import Motion, Trapezoid
 from impact_gym.outcome import Array, ContactRecord, Outcome, Outcomes, Trace
-from impact_gym.quantities import QUANTITIES
+from impact_gym.quantities import BY_PATH, QUANTITIES
 from impact_gym.scene import Scene
-from impact_gym.support.dotted_paths import flatten, parts, replaced
+from impact_gym.support.dotted_paths import flatten, get, parts, replaced
 from impact_gym.support.threads import CORES, over_rows
 from impact_gym.support.validation import array, one_of, whole
-from impact_gym.to_kernel import LOCAL_SHARE, STATUS_MESSAGES, approach_to_kernel, to_bytes
+from impact_gym.to_kernel import LOCAL_SHARE, STATUS_MESSAGES, pack_approach, pack_approaches, reader
 
 MAX_STEPS = 1_000_000
 """Integration steps after which the solver gives up a run."""
 
 APPROACHES_PER_THREAD = 16  # least number of approaches per thread, if a sweep uses several threads
-_CONTACT_ROWS, _SNAP_ROWS, _TRACE_ROWS = 4096, 64, 4096  # rows of the arrays in the first try of a run
+_CONTACT_ROWS, _SNAP_ROWS, _TRACE_ROWS = 64, 64, 4096  # rows of the arrays in the first try of a run
 _NO_TRACE, _NO_SNAPS = np.empty(0, TRACE), np.empty(0)
 NOTHING_RECORDED = np.empty(0, CONTACT), _NO_TRACE, _NO_SNAPS, 1.0
 """A recorder of the compiled program that stores nothing."""
+
+_CHAIN_NAMES = {f"{body}_velocity": f"final_{body}_velocity" for body in ("object", "tool", "flange")}
+_CHAIN_NAMES |= {"contact_count": "contacts", "snap_count": "snaps", "detection_time": "detection"}
+_OUTCOMES = {field: _CHAIN_NAMES.get(field, field) for field in Outcomes.__dataclass_fields__}
+_READ = {*_OUTCOMES.values(), "time", "logged", "traced"}  # numbers of a CHAIN that `simulate` reads
+_namedtuple: Any = namedtuple  # Any: mypy wants the field names as literals
+_End = _namedtuple("_End", [name for name in CHAIN.names if name in _READ])
+_END = reader(CHAIN, _End._fields)
 
 
 def simulate(
@@ -52,40 +61,37 @@ def simulate(
     duration = QUANTITIES["duration"].check(duration)
     rtol = QUANTITIES["rtol"].check(rtol)
     warn_of_stroke(scene.coupling, scene.tool.mass, motion.acceleration)
-    plan, table = approach_to_kernel(scene, motion, duration)
-    plans, chains = to_bytes(plan), np.empty(1, CHAIN)
-    contacts, snaps = np.empty(_CONTACT_ROWS, CONTACT), np.empty(_SNAP_ROWS)
+    approach, table = pack_approach(scene, motion, duration)
+    chain, contacts, snaps = bytearray(CHAIN.itemsize), np.empty((_CONTACT_ROWS, len(CONTACT))), np.empty(_SNAP_ROWS)
     points = np.empty(_TRACE_ROWS, TRACE) if trace else _NO_TRACE
     while True:
         recorder = contacts, points, snaps, max(1e-3, duration / 1e5)
-        approach_rows(plans, table, chains, 0, 1, LOCAL_SHARE * rtol, MAX_STEPS, recorder)
-        end = _End._make(chains.item())
+        approach_rows(approach, table, chain, 0, 1, LOCAL_SHARE * rtol, MAX_STEPS, recorder)
+        end = _End._make(_END.unpack(chain))
         if end.logged <= len(contacts) and end.traced <= len(points) and end.snaps <= len(snaps):
             break  # otherwise repeat the run with larger arrays; the run is deterministic
-        contacts, points, snaps = np.empty(end.logged, CONTACT), np.empty(end.traced, TRACE), np.empty(end.snaps)
+        contacts, points, snaps = np.empty((end.logged, len(CONTACT))), np.empty(end.traced, TRACE), np.empty(end.snaps)
     if end.status < 0:
         raise RuntimeError(f"the run stopped at t = {end.time:.6g} s: {STATUS_MESSAGES[end.status]}")
     rows = contacts[: end.logged].tolist()
+    if rows and math.isnan(rows[-1][1]):
+        rows[-1][1] = None  # an unfinished contact
     return Outcome(
         end.final_object_velocity,
         end.final_tool_velocity,
         end.final_flange_velocity,
         end.peak_force,
         end.detection if end.detection < math.inf else None,
-        tuple(ContactRecord(start, None if stop != stop else stop, *rest) for start, stop, *rest in rows),
+        tuple(map(ContactRecord._make, rows)),
         end.coupling_impulse,
         end.momentum_error,
         end.steps,
         "ok",
         Trace.of(points[: end.traced]) if trace else None,
-        tuple(snaps[: end.snaps].tolist()),
+        tuple(snaps[: end.snaps].tolist()) if end.snaps else (),
         end.peak_object_velocity,
         *((end.slide, end.rest_time) if scene.object.friction else (None, None)),
     )
-
-
-_namedtuple: Any = namedtuple  # Any: mypy wants the field names as literals
-_End = _namedtuple("_End", CHAIN.names)  # a record CHAIN as Python numbers
 
 
 def sweep(
@@ -117,45 +123,49 @@ def sweep(
             raise ValueError(f"varied has no number named {name!r}; there are {', '.join(known)}")
     columns = {name: array(f"varied[{name!r}]", values) for name, values in varied.items()}
     columns["duration"] = array("duration", duration)
+    shapes = {name: column.shape for name, column in columns.items()}
     try:
-        shape = np.broadcast_shapes(*(column.shape for column in columns.values()))
+        shape = np.broadcast_shapes(*shapes.values())
     except ValueError:
-        shapes = {name: column.shape for name, column in columns.items()}
         raise ValueError(f"varied values must broadcast against each other, got shapes {shapes}") from None
-    approaches = list(_approaches(template, {name: np.broadcast_to(column, shape) for name, column in columns.items()}))
-    chains = np.zeros(len(approaches), CHAIN)
-    if approaches:
-        tables = np.concatenate([table for _, table in approaches])
-        plans = np.array([plan for plan, _ in approaches], RUN_PLAN)
-        limits = {"tolerance": LOCAL_SHARE * rtol, "max_steps": MAX_STEPS, "recorder": NOTHING_RECORDED}
-        run = partial(approach_rows, plans, tables, chains, **limits)
-        over_rows(run, len(approaches), threads, APPROACHES_PER_THREAD)
-    chains = chains.reshape(shape)
-    results = {field: chains[name] for field, name in _OUTCOMES.items()}
-    for field, values in results.items():
-        unknown = (chains["status"] < 0) | ~np.isfinite(values)
-        results[field] = np.where(unknown, np.nan, values) if values.dtype == np.float64 else values.copy()
-    sentences = np.vectorize(lambda status: STATUS_MESSAGES.get(status, "ok"), otypes=[object])
-    return Outcomes(**(results | {"status": sentences(chains["status"])}))
+    columns = {name: column.astype(np.float64) for name, column in columns.items()}
+    changed = _with_columns(template, columns, shape)
+    approaches, table = pack_approaches(*changed, columns["duration"], shape)
+    chains = np.zeros(shape, CHAIN)
+    limits = {"tolerance": LOCAL_SHARE * rtol, "max_steps": MAX_STEPS, "recorder": NOTHING_RECORDED}
+    run = partial(approach_rows, approaches, table, chains, **limits)
+    over_rows(run, chains.size, threads, APPROACHES_PER_THREAD)
+    results = {field: chains[name].copy() for field, name in _OUTCOMES.items()}
+    for values in results.values():
+        if values.dtype == np.float64:
+            values[(results["status"] < 0) | ~np.isfinite(values)] = np.nan
+    sentences = np.full(shape, "ok", np.object_)
+    for status, message in STATUS_MESSAGES.items():
+        sentences[results["status"] == status] = message
+    return Outcomes(**(results | {"status": sentences}))
 
 
-_FIELDS_OF_CHAIN = {f"{body}_velocity": f"final_{body}_velocity" for body in ("object", "tool", "flange")}
-_FIELDS_OF_CHAIN |= {"contact_count": "contacts", "snap_count": "snaps", "detection_time": "detection"}
-_OUTCOMES = {field: _FIELDS_OF_CHAIN.get(field, field) for field in Outcomes.__dataclass_fields__}
+def _with_columns(
+    template: Mapping[str, Any], columns: Mapping[str, Array], shape: tuple[int, ...]
+) -> tuple[Scene, Trapezoid]:
+    """Return scene and motion with arrays in place of their numbers; ValueError: a row of `columns` is refused.
 
-
-def _approaches(template: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]) -> Iterator[tuple[Any, Array]]:
-    """Yield, for each approach, the fields of a record of the type RUN_PLAN, and the table of its robot."""
-    flat = {name: column.ravel() for name, column in columns.items()}
-    durations, table_at = flat.pop("duration"), 0
-    for row in range(len(durations)):
+    Arrays are compared with the limits of their numbers. Only rows that do not pass become records, to say why.
+    """
+    changed, duration = deepcopy({**template}), QUANTITIES["duration"]
+    owners = {path: get(changed, path.rpartition(".")[0]) for path in columns if path != "duration"}
+    passed = np.broadcast_to(duration.limits.allow(columns["duration"]), shape).copy()
+    for path, owner in owners.items():
+        object.__setattr__(owner, path.rpartition(".")[2], columns[path])
+        passed &= BY_PATH[path].limits.allow(columns[path]) if path in BY_PATH else False
+    for owner in owners.values():
+        passed &= owner.fits()
+    for index in map(tuple, np.argwhere(~passed).tolist()):
+        row = {path: np.broadcast_to(column, shape)[index] for path, column in columns.items()}
         try:
-            duration = QUANTITIES["duration"].check(durations[row])
-            changed = replaced(template, {path: column[row] for path, column in flat.items()})
+            duration.check(row.pop("duration"))
+            replaced(template, row)
         except (TypeError, ValueError) as problem:
-            index = np.unravel_index(row, columns["duration"].shape)
-            raise type(problem)(f"at {tuple(map(int, index))}: {problem}") from None
-        motion = changed.pop("motion")
-        plan, table = approach_to_kernel(Scene(**changed), motion, duration, table_at)
-        table_at += len(table)
-        yield plan, table
+            raise type(problem)(f"at {index}: {problem}") from None
+    motion = changed.pop("motion")
+    return Scene(**changed), motion

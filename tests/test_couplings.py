@@ -44,9 +44,10 @@ def test_lag_holds_the_tool_at_a_steady_acceleration():
     assert ig.Bistable().pull(0.0, 0.0, MASS) == pytest.approx(0.0, abs=1e-9)  # spring and stop balance at rest
 
 
-@pytest.mark.parametrize("place", range(len(to_kernel.COUPLING_NUMBERS) + 1))
-def test_one_more_number_of_a_record_changes_no_other(place, monkeypatch):
-    monkeypatch.setattr(to_kernel, "COUPLING_NUMBERS", np.insert(to_kernel.COUPLING_NUMBERS, place, "more").tolist())
+@pytest.mark.parametrize("index", range(len(to_kernel.COUPLING_NUMBERS) + 1))
+def test_one_more_number_of_a_record_changes_no_other(index, monkeypatch):
+    names = np.insert([*to_kernel.COUPLING_NUMBERS], index, "more").tolist()
+    monkeypatch.setattr(to_kernel, "COUPLING_NUMBERS", dict.fromkeys(names, 0.0))
     for coupling in (ig.Rigid(), SPRING, STOPPED, ig.Bistable()):
         (_, _, _, numbers, *_), _ = to_kernel.mount_to_kernel(MASS, coupling)
         given = dict(zip(to_kernel.COUPLING_NUMBERS, numbers, strict=True))
@@ -56,6 +57,29 @@ def test_one_more_number_of_a_record_changes_no_other(place, monkeypatch):
 def test_a_number_without_a_place_in_the_record_is_refused(monkeypatch):
     monkeypatch.setattr(ig.Rigid, "kernel", lambda _: (kernels.RIGID, {"viscosity": 1.0}))
     refused(lambda: ig.simulate(scene(), MOTION), "'viscosity'", "coupling.viscosity", "quantities.py")
+
+
+@dataclass(frozen=True, slots=True)
+class Paired(Coupling):
+    """A spring and damper whose numbers depend on each other."""
+
+    stiffness: float
+    damping_ratio: float
+
+    def __post_init__(self):
+        if self.stiffness * self.damping_ratio > 100.0:
+            raise ValueError("too much")
+
+    def kernel(self):
+        """The kind and numbers of a `SpringDamper`."""
+        return kernels.SPRING_DAMPER, {"stiffness": self.stiffness, "damping_ratio": self.damping_ratio}
+
+
+def test_own_checks_of_a_coupling_hold_in_a_sweep():
+    varied = {"coupling.stiffness": [50.0, 150.0]}
+    refused(lambda: ig.sweep(scene(coupling=Paired(50.0, 1.0)), MOTION, varied), "at (1,): too much")
+    paired, spring = (ig.sweep(scene(coupling=each), MOTION, varied) for each in (Paired(50.0, 0.4), SPRING))
+    assert np.array_equal(paired.object_velocity, spring.object_velocity)
 
 
 @pytest.mark.parametrize("answer", [

@@ -15,12 +15,14 @@ from solver_scenes import COUPLINGS, MOTION, ROBOTS, SPRING, scene
 import impact_gym as ig
 from impact_gym import simulation
 from impact_gym.quantities import BY_PATH
+from impact_gym.scene import LAWS
 from impact_gym.simulation import APPROACHES_PER_THREAD
 from impact_gym.support import dotted_paths
 from impact_gym.to_kernel import STATUS_MESSAGES
 
 ROBOT = ig.Robot(5.225, 1.9e5, 50.4)
 SCENE = scene(coupling=SPRING)
+EVERY_COUPLING = [*COUPLINGS.values(), ig.SpringDamper(150.0, 0.5, stroke=0.02)]
 
 
 def test_records_are_hashable():
@@ -64,9 +66,77 @@ def test_row_of_a_sweep_is_simulate_to_the_bit(coupling, robot):
     assert not outcomes.object_velocity[:, 0].any()  # the motion does not reach
 
 
+def with_every_number(coupling, robot=ROBOT, **law):
+    """Scene and motion as records by name, in which no number is None."""
+    chain = replace(scene(1e4, 0.5, coupling, robot, **law), object=ig.Object(0.25, 0.1, 0.1))
+    return {**dotted_paths.parts(chain), "motion": ig.Trapezoid(1.0, 8.0, ig.Brake(deceleration=5.0))}
+
+
+def split(records):
+    """The scene and the motion."""
+    return ig.Scene(**{name: record for name, record in records.items() if name != "motion"}), records["motion"]
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("law", LAWS)
+def test_sweep_over_every_number_is_simulate_to_the_bit(law, robot):
+    random, durations = np.random.default_rng([*law.encode(), *robot.encode()]), [0.5, 0.6, 0.7]
+    for coupling in EVERY_COUPLING:
+        records = with_every_number(coupling, ROBOTS[robot], dissipation=law)
+        varied = {path: number * random.uniform(0.9, 1.0, 3) for path, number in dotted_paths.flatten(records).items()}
+        varied |= {"contact.stiffness_exponent": [1.5, 1.0, 2.0], "contact.damping_exponent": [1.5, 0.0, 2.0]}
+        outcomes = ig.sweep(*split(records), varied, durations, 1e-5)
+        for row, duration in enumerate(durations):
+            alone = dotted_paths.replaced(records, {path: values[row] for path, values in varied.items()})
+            assert_row(outcomes, row, ig.simulate(*split(alone), duration, 1e-5))
+
+
+def refusal_by(call):
+    """The message of the ValueError that a call raises, or None."""
+    try:
+        call()
+    except ValueError as error:
+        return str(error)
+
+
+@pytest.mark.parametrize("coupling", EVERY_COUPLING, ids=str)
+def test_sweep_refuses_what_a_record_refuses_in_its_words(coupling, monkeypatch):
+    monkeypatch.setattr(simulation, "MAX_STEPS", 100)
+    records = with_every_number(coupling, dissipation="fixed")
+    refused = 0
+    for path, good in dotted_paths.flatten(records).items():
+        ends = [end for end in BY_PATH[path].limits if math.isfinite(end)]
+        beyond = [float(np.nextafter(end, far)) for end in ends for far in (-np.inf, np.inf)]
+        for value in [np.nan, np.inf, -np.inf, -0.03, 0.0, 0.03, 0.07, 0.5, *ends, *beyond]:
+            alone = refusal_by(lambda: dotted_paths.replaced(records, {path: value}))  # noqa: B023
+            swept = refusal_by(lambda: ig.sweep(*split(records), {path: [good, value]}, 1e-3))  # noqa: B023
+            assert swept == (alone and f"at (1,): {alone}"), (path, value)
+            refused += alone is not None
+    assert refused > 100
+
+
+def test_sweep_names_the_first_row_whose_numbers_do_not_fit():
+    varied = {"coupling.free_length": [[0.07], [0.04]], "coupling.height": [0.01, 0.03, 0.05]}
+    bistable = split(with_every_number(ig.Bistable(front_stop=0.005, rear_stop=-0.005)))
+    assert refusal_by(lambda: ig.sweep(*bistable, varied)).startswith("at (1, 2): Bistable.height must be below")
+
+
 @pytest.mark.parametrize(("varied", "shape"), [({"object.mass": []}, (0,)), ({}, ())])
 def test_sweep_over_nothing_has_its_shape(varied, shape):
     assert ig.sweep(SCENE, MOTION, varied).object_velocity.shape == shape
+
+
+@pytest.mark.parametrize(("name", "rows"), [("_CONTACT_ROWS", 1), ("_SNAP_ROWS", 0), ("_TRACE_ROWS", 1)])
+def test_rows_beyond_the_first_arrays_are_not_lost(name, rows, monkeypatch):
+    monkeypatch.setattr(simulation, name, rows)
+    bouncing, snapping = scene(1e6, 1.0, SPRING, m_p=1.0), scene(1e4, 0.5, ig.Bistable())
+    many, snapped = (ig.simulate(chain, MOTION, trace=True) for chain in (bouncing, snapping))
+    starts, pushed = [contact.start for contact in many.contacts], many.trace.contact_force > 0.0
+    assert len(starts) == (pushed[1:] > pushed[:-1]).sum() > 1
+    assert starts == sorted({*starts})
+    assert many.trace.time[-1] == pytest.approx(1.5)
+    passed = snapped.trace.time[np.argmin(snapped.trace.tool_position - snapped.trace.flange_position)]
+    assert 0.0 < snapped.snap_through[0] < passed
 
 
 def test_run_that_cannot_finish_says_why_and_affects_no_other(monkeypatch):

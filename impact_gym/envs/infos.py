@@ -12,10 +12,10 @@ from impact_gym.support.dotted_paths import grouped
 from impact_gym.task.episodes import RECORD_IDS
 from impact_gym.task.scenario import FIELDS
 from impact_gym.task.task import Task
-from impact_gym.to_kernel import STATUS_MESSAGES, places
+from impact_gym.to_kernel import STATUS_MESSAGES, indices
 
 Records = NDArray[Any]
-_PLACES = places(EPISODE)
+_PLACES = indices(EPISODE)
 
 _NUMBERS = {
     "object_velocity": "object_velocity",

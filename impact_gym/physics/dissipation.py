@@ -49,7 +49,6 @@ PUBLISHED = {
 """Published laws by name. "hunt-crossley" and "lankarani-nikravesh" are meant for e near 1."""
 
 
-@lru_cache(maxsize=4096)
 def damping_factor(
     law: str, restitution: float, stiffness_exponent: float = 1.5, damping_exponent: float = 1.5
 ) -> float:
@@ -59,9 +58,13 @@ def damping_factor(
     restitution, whatever the exponents. For "fixed" (see `Contact`), the result is d at the reference velocity, which
     equals the d of "exact".
     """
-    m, n = stiffness_exponent, damping_exponent
     if law not in ("exact", "fixed"):
         return float(PUBLISHED[law].factor(restitution))
+    return _exact_factor(restitution, stiffness_exponent, damping_exponent)
+
+
+@lru_cache(maxsize=4096)
+def _exact_factor(restitution: float, m: float, n: float) -> float:
     if m == n:
         return float(exact_damping(restitution))
     if restitution == 1.0:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from impact_gym.kernels import ENTRY, EPISODE, LINEAR, LOGARITHM, LOGARITHM_OF_ONE_MORE
 from impact_gym.quantities import QUANTITIES, Quantity, Scale
 from impact_gym.task.task import Task
-from impact_gym.to_kernel import places
+from impact_gym.to_kernel import indices
 
 Floats = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ CURVES = {
     "log1p": Curve(LOGARITHM_OF_ONE_MORE, math.log1p, np.log1p, np.expm1),
 }
 
-_PLACES = places(EPISODE)
+_PLACES = indices(EPISODE)
 
 
 class ObservationSpec:

@@ -21,14 +21,14 @@ from impact_gym.task.scenario import ScenarioRanges, ranged_record
 from impact_gym.teleop.channels import WAYS, Channel
 from impact_gym.teleop.link import Link
 from impact_gym.teleop.operators import Operator
-from impact_gym.to_kernel import LOCAL_SHARE, ROBOT_NUMBERS, mount_to_kernel, places
+from impact_gym.to_kernel import LOCAL_SHARE, ROBOT_NUMBERS, indices, mount_to_kernel
 
 VELOCITY_RANGE = (-0.5, 1.5)  # m/s, default of the argument `velocity_range`
 ACCELERATION_RANGE = (1.0, 20.0)  # m/s^2, default of the argument `acceleration_range`
 MISSED_COST = 2.0  # m/s, default of the argument `missed_cost`
 SETTLE_LIMIT = 10.0  # s, longest simulation after the end of an episode
 MOST_STEPS = 2**53  # largest value of `max_episode_steps`
-PLACES = places(RECORD)
+PLACES = indices(RECORD)
 """Index of each number of an episode, by id, in the compiled record RECORD."""
 MOUNT_IDS = tuple(row.id for row in SET_UP if row.id.partition(".")[0] in ("tool_mass", "coupling", "robot"))
 

@@ -50,11 +50,14 @@ def step_once(plan, table, chain, double acceleration, bint flying, x, double h,
     cdef Piece piece
     cdef ChainModel model
     cdef const RunPlan *given = <const RunPlan *> memory_of(plan)
+    cdef const Contact *contact
     cdef Events events
     cdef double error
     cdef int i, j
     model_to_kernel(&given.mount, &model)
-    run.model, run.tables, run.contact = &model, <const double *> memory_of(table), given.contact
+    run.model, run.tables = &model, <const double *> memory_of(table)
+    contact = &given.contact
+    run.contact = contact_of(contact.stiffness, contact.nominal, contact.m, contact.n, contact.reference)
     run.object_mass, run.threshold, run.tolerance = given.object_mass, given.threshold, 1.0
     run.ground = STANDARD_GRAVITY * given.friction
     begin_piece(&run, <const Chain *> memory_of(chain), acceleration, INFINITY, flying, &piece)

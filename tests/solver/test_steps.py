@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from solver_scenes import TABLE
 
 import impact_gym as ig
-from impact_gym.to_kernel import approach_to_kernel
+from impact_gym.to_kernel import pack_approach
 
 COUPLINGS = {"rigid": ig.Rigid(), "spring": ig.SpringDamper(150.0, 0.4), "bistable": ig.Bistable()}
 ROBOTS = {"": None, " on a robot": ig.Robot(5, 1e5, 100), " on a table": TABLE}
@@ -35,13 +35,13 @@ def stepper(name, contact=None, acceleration=3.0, force=3.0):
     robot = next(robot for robot in reversed(ROBOTS) if chain.endswith(robot))
     contact, coupling = contact or ig.Contact(1e3, 0.5, "exact"), COUPLINGS[chain.removesuffix(robot)]
     moving = ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.3), contact, coupling, ROBOTS[robot])
-    plan, table = approach_to_kernel(moving, ig.Trapezoid(1.0, 8.0), 1.0)
+    approach, table = pack_approach(moving, ig.Trapezoid(1.0, 8.0), 1.0)
     row = np.zeros(1, kernels().CHAIN)
     row["units"] = (0.01, 0.02, 0.5, force)  # arbitrary, so that no factor cancels
     row["force_active"] = row["side"] = 1
     row["flange_position"], row["flange_velocity"] = 0.14, 0.8
     row["pressed"] = PRESSED["".join(f", {which}" for which in stop)]
-    piece = np.array([plan], kernels().RUN_PLAN), table, row, acceleration, phase == "flight"  # m/s^2, of the flange
+    piece = approach, table, row, acceleration, phase == "flight"  # m/s^2, of the flange
     return lambda x, h=1e-3, method="explicit": kernels().step_once(*piece, np.ascontiguousarray(x), h, method)
 
 
