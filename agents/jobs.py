@@ -29,7 +29,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from impact_gym.support.command_line import progress
-from impact_gym.support.files import DiskFullError, writing
+from impact_gym.support.files import DiskFullError, remove_unfinished, write_file
 from impact_gym.support.provenance import origin_of
 from impact_gym.support.validation import WrongTypeError, number, whole
 
@@ -135,6 +135,7 @@ def cached(
 
 def _answers(calls: Iterable[Call], folder: Path, keep_failures: bool, workers: Workers) -> Answers:
     """Yield each call with its pickled result, stored results first; store each new result before yielding it."""
+    remove_unfinished(folder)
     missing = []
     for call in calls:
         pickled = _stored(call, folder)
@@ -147,12 +148,7 @@ def _answers(calls: Iterable[Call], folder: Path, keep_failures: bool, workers: 
             if isinstance(answer := pickle.loads(pickled), DiskFullError):
                 raise answer
             if keep_failures or not isinstance(answer, Failure):
-                path = _path(call, folder)
-                part = path.with_suffix(f".{os.getpid()}")
-                with writing(str(path)):
-                    folder.mkdir(parents=True, exist_ok=True)
-                    part.write_bytes(hashlib.sha256(pickled).digest() + pickled)
-                    part.replace(path)
+                write_file(_path(call, folder), hashlib.sha256(pickled).digest() + pickled)
             yield call, pickled
 
 

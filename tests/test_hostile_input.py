@@ -199,6 +199,19 @@ def test_load_policy_refuses_an_array_larger_than_its_file(shape, size, how, mes
     refused(partial(load_policy, path), message)
 
 
+@pytest.mark.parametrize(
+    ("load", "suffix"), [(load_setup, ".toml"), (load_policy, ".npz"), (evaluation_sets.load, ".csv")]
+)
+def test_what_is_there_and_no_file_is_called_that(load, suffix, tmp_path):
+    os.mkfifo(tmp_path / f"pipe{suffix}")
+    (tmp_path / f"ring{suffix}").symlink_to(f"ring{suffix}")
+    (tmp_path / f"folder{suffix}").mkdir()
+    for path in tmp_path.iterdir():
+        refused(
+            partial(load, path), path.name, "must be a name or a file, but it is a folder, a device, a pipe or a loop"
+        )
+
+
 def test_file_is_written_through_links_and_over_nothing_else(tmp_path):
     (tmp_path / "link").symlink_to("there/it.txt")  # does not exist yet
     (tmp_path / "link to link").symlink_to("link")

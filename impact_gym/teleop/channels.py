@@ -34,7 +34,8 @@ class Channel(Parameters, path="uplink"):
     distributed random time, at most twelve times its mean. The mean is `tail` for the fraction `tail_share` of the
     packets, and `jitter` for the others. A `trace` (rows of time and delay in s, or a CSV file of such rows) gives the
     delays instead. The trace repeats, and each episode begins at a random time in it. A packet is lost if the row
-    nearest in time has the delay `LOST`, or in a task a delay of at least the horizon. `loss` adds losses, in bursts (Gilbert 1960, Bell Syst. Tech. J. 39).
+    nearest in time has the delay `LOST`, or in a task a delay of at least the horizon. `loss` adds losses, in bursts
+    (Gilbert 1960, Bell Syst. Tech. J. 39).
     """
 
     delay: float = 0.0  # s
