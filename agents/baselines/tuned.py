@@ -6,6 +6,7 @@ found for `Clairvoyant`, a rule that knows the scenario. Another controller coul
 
 import hashlib
 import json
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from pkgutil import resolve_name
@@ -17,9 +18,10 @@ from agents.baselines.rule import Floats, Rule, ranges_for
 from agents.policies import Controller
 from agents.setups import TUNED, Setup, owner, shipped_baselines
 from impact_gym.support.archive import archive_of, read_archive
-from impact_gym.support.files import parsed, write_file
+from impact_gym.support.files import NO_FILE, parsed, reason, write_file
 from impact_gym.support.validation import nearest, number
 from impact_gym.task import Task
+from impact_gym.teleop.channels import without_files
 
 FORMAT = "impact_gym tuned baseline 1"
 BOUND_FORMAT = "impact_gym clairvoyant 2"
@@ -48,14 +50,22 @@ def tuned_rule(content: Mapping[str, Any]) -> Rule:
     """Return the rule from the content of a tuned baseline's file, with its parameters for all time weights."""
     if not content["weights"]:
         raise ValueError(f"the file of baseline {content['baseline']!r} has no time weight: run impact-gym tune")
-    tuned = {float(weight): found["parameters"] for weight, found in content["weights"].items()}
-    # the order of the parameters in an entry of "weights" may differ from that in "parameters"
-    weights, names = sorted(tuned), [parameter["name"] for parameter in content["parameters"]]
-    table = [[tuned[weight][name] for name in names] for weight in weights]
-    task = Task(**content["environment"])
-    rule = RULES[content["rule"]].of(table, ranges_for(task)).for_task(task)
-    rule.weights = weights
+    table, task = _parameters(content), Task(**content["environment"])
+    rule = RULES[content["rule"]].of([*table.values()], ranges_for(task)).for_task(task)
+    rule.weights = [*table]
     return rule
+
+
+def _parameters(content: Mapping[str, Any]) -> dict[float, list[float]]:
+    """Return the parameters for each time weight (m/s per s), ascending; ValueError, LookupError: not all are numbers.
+
+    The order of the parameters in an entry of "weights" may differ from that in "parameters".
+    """
+    table = dict[float, list[float]]()
+    for weight, found in content["weights"].items():
+        row = [number(each["name"], found["parameters"][each["name"]], each["unit"]) for each in content["parameters"]]
+        table[number("each of weights", float(weight), "m/s per s", above=0)] = row
+    return dict(sorted(table.items()))
 
 
 def read_tuned(name: str, folder: Path | None = None, setup: Setup | None = None) -> dict[str, Any]:
@@ -70,20 +80,23 @@ def read_tuned(name: str, folder: Path | None = None, setup: Setup | None = None
         raise ValueError(nearest("baseline", name, [*FIXED, *shipped_baselines()]))
     remedy = f"run impact-gym tune {setup.called if setup else 'SETUP'} --out {path.parent}"
     if not path.is_file():
-        raise ValueError(f"baseline {name!r} was not tuned (there is no file {path}): {remedy}")
+        why = f"{path} is {NO_FILE}" if os.path.lexists(path) else f"there is no file {path}"
+        raise ValueError(f"baseline {name!r} was not tuned ({why}): {remedy}")
     try:
         content: dict[str, Any] = parsed(path, "JSON", json.loads)
         rest = {field: value for field, value in content.items() if field != "sha256"}
         checksum = hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
         if checksum != content["sha256"]:
             raise ValueError(f"its checksum is {checksum}, not {content['sha256']}: it was altered or damaged")
-        task = Task(**content["environment"])
+        task = Task(**without_files(content["environment"]))
         expected = _description(name, setup.tuned[name].rule if setup else content["rule"], task)
         other = [field for field, value in expected.items() if content[field] != value]
         if setup and not setup.describes(task):
             other.append("environment")
+        if not other:
+            _parameters(content)
     except (LookupError, TypeError, AttributeError, ValueError) as error:
-        raise ValueError(f"{path} is no tuned baseline, or it is damaged: {error}; {remedy}") from error
+        raise ValueError(f"{path} is no tuned baseline, or it is damaged: {reason(error)}; {remedy}") from error
     if other:
         what = "table of parameters" if other[0] == "parameters" else other[0]
         raise ValueError(f"the {what} in {path} differs from that of this version or of the set-up: {remedy}")

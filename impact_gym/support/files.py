@@ -54,15 +54,21 @@ def parsed(
             refuses it. The message names the file and its `kind`.
     """
     try:
-        if path.exists() and not path.is_file():
-            raise ValueError("it is no regular file")
-        with path.open("rb") as file:
-            content = file.read(LARGEST + 1)
-        if len(content) > LARGEST:
-            raise ValueError(f"it must have at most {LARGEST:,} bytes")
+        content = whole_content(path)
         return parse(decode(content) if decode else io.TextIOWrapper(io.BytesIO(content), "utf-8-sig").read())
     except (OSError, ValueError, TypeError, AttributeError, LookupError, RecursionError, csv.Error) as error:
         raise ValueError(f"{path} cannot be read as {kind}: {reason(error)}") from error
+
+
+def whole_content(path: Path) -> bytes:
+    """Return the bytes of a file. ValueError: it is no regular file, or is larger than `LARGEST`."""
+    if path.exists() and not path.is_file():
+        raise ValueError("it is no regular file")
+    with path.open("rb") as file:
+        content = file.read(LARGEST + 1)
+    if len(content) > LARGEST:
+        raise ValueError(f"it must have at most {LARGEST:,} bytes")
+    return content
 
 
 def reason(error: Exception) -> str:
