@@ -35,7 +35,7 @@ from agents.policies.policy import FORMAT
 from experiments.report.__main__ import ReportOptions, write
 from impact_gym.identify import log as logs_of
 from impact_gym.identify.__main__ import parse
-from impact_gym.support import archive, validation
+from impact_gym.support import archive, files, validation
 from impact_gym.support.files import UNFINISHED, locked, write_file
 from impact_gym.task import evaluation_sets
 
@@ -197,6 +197,20 @@ def test_load_policy_refuses_an_array_larger_than_its_file(shape, size, how, mes
         np.lib.format.write_array_header_1_0(array, {"descr": "<f8", "fortran_order": False, "shape": shape})
         array.write(bytes(size))
     refused(partial(load_policy, path), message)
+
+
+def test_archive_is_of_bounded_size_and_no_parts_overlap(tmp_path, monkeypatch):
+    path = made_up_policy().save(tmp_path / "it.npz")
+    monkeypatch.setattr(files, "LARGEST", path.stat().st_size)
+    load_policy(path)
+    monkeypatch.setattr(files, "LARGEST", path.stat().st_size - 1)
+    refused(partial(load_policy, path), f"it must have at most {path.stat().st_size - 1:,} bytes")
+    monkeypatch.undo()
+    with zipfile.ZipFile(path, "a") as file:
+        first, second, *_ = file.infolist()
+        second.header_offset = first.header_offset
+        file.writestr("more", "")
+    refused(partial(load_policy, path), f"its parts {first.filename!r} and {second.filename!r} overlap")
 
 
 @pytest.mark.parametrize(
