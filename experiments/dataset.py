@@ -203,21 +203,19 @@ def refuse_foreign_content(folder: Path, about: Mapping[str, Any]) -> None:
         raise ValueError("its data must be in HDF5, in the file main_data.hdf5")
     total, size = whole("total_episodes", about["total_episodes"], at_least=1), path.stat().st_size
 
-    def foreign(name: str, link: Any) -> str | None:  # must not raise, because h5py calls it from C
-        if not isinstance(link, h5py.HardLink):
-            return f"{shown(name)} is a link to another place"
-        if isinstance(data := content[name], h5py.Dataset):
-            if data.external or data.is_virtual:
-                return f"{shown(name)} is stored in other files"
-            if data.nbytes > MOST_PACKED * size:
-                return f"{shown(name)} has {data.nbytes:,} bytes, but the file only {size:,}"
-        return None
-
     with h5py.File(path, "r") as content:
         if (stored := len(content)) != total:
             raise ValueError(f"it has {stored} episodes, but its metadata say {total}")
-        if problem := content.visititems_links(foreign):
-            raise ValueError(problem)
+        links = dict[str, Any]()
+        content.visititems_links(lambda name, link: links.update({name: link}))
+        for name, link in links.items():
+            if not isinstance(link, h5py.HardLink):
+                raise ValueError(f"{shown(name)} is a link to another place")
+            if isinstance(data := content[name], h5py.Dataset):
+                if data.external or data.is_virtual:
+                    raise ValueError(f"{shown(name)} is stored in other files")
+                if data.nbytes > MOST_PACKED * size:
+                    raise ValueError(f"{shown(name)} has {data.nbytes:,} bytes, but the file only {size:,}")
 
 
 def check(name: str) -> int:

@@ -133,9 +133,9 @@ def load_setup(name_or_path: str | Path) -> Setup:
         content = _read(path, files := {})
         with within(str(path)):
             setup = _setup(path, content)
+        if len(_LOADED) == MOST_LOADED:
+            _LOADED.clear()
         _LOADED[path] = setup, files
-        if len(_LOADED) > MOST_LOADED:
-            _LOADED.pop(next(iter(_LOADED)))
     return deepcopy(setup)
 
 
@@ -144,19 +144,15 @@ _LOADED: dict[Path, tuple[Setup, dict[Path, Any]]] = {}
 """Each set-up that was loaded, and the `_version` of every file that was read for it."""
 
 
-def _version(path: Path) -> tuple[int, ...] | None:
-    """Return numbers that change if a file is edited or replaced; None: there is no such file."""
-    try:
-        about = path.stat()
-    except OSError:
-        return None
-    return about.st_ino, about.st_size, about.st_mtime_ns
+def _version(path: Path) -> Any:
+    """Return what changes if a file is edited, replaced or removed."""
+    return (about.st_ino, about.st_size, about.st_mtime_ns) if path.is_file() and (about := path.stat()) else None
 
 
 def _read(path: Path, files: dict[Path, Any], extended: tuple[Path, ...] = ()) -> dict[str, Any]:
-    """Return the content of a file. The INHERITED tables also get the keys of the set-up that `extends` names.
+    """Return the content of a file, and add the `_version` of every file that is read to `files`.
 
-    `files` gets every file that is read, with its `_version`.
+    The INHERITED tables also get the keys of the set-up that `extends` names.
     """
     files[path] = _version(path)
     content: dict[str, Any] = parsed(path, "TOML", tomllib.loads)

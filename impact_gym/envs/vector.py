@@ -1,6 +1,6 @@
 """The batch as a Gymnasium vector environment; compiled code steps all environments."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -182,15 +182,13 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
             raise ValueError(f"call must name an attribute or method of one environment, got {name!r}: only all step")
         if name in self._attributes:
             return tuple(each(*args, **kwargs) if callable(each) else each for each in self._attributes[name])
-        if name == "task":
-            return tuple(batch.tasks[row % len(batch.tasks)] for row in rows)
-        if name == "episode_state":
-            return tuple(map(batch.episode_state, rows))
-        if name == "np_random":
-            self._seed(None, self._ended)
-            return tuple(self._generators)
-        if name == "np_random_seed":
-            return self.np_random_seed
+        seeds = self.np_random_seed if name.startswith("np_random") else ()
+        own: dict[str, Iterable[Any]] = {
+            "task": (batch.tasks[row % len(batch.tasks)] for row in rows), "np_random": self._generators,
+            "np_random_seed": seeds, "episode_state": map(batch.episode_state, rows),
+        }  # fmt: skip
+        if name in own:
+            return tuple(own[name])
         value = getattr(self, f"single_{name}" if name.endswith("_space") and name != "reward_space" else name)
         value = value(*args, **kwargs) if callable(value) and not isinstance(value, Space) else value
         if name == "episode_info":
@@ -222,8 +220,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         one_of("state", state, Mapping)
         generators = state.get("generators")
         if not isinstance(generators, list) or len(generators) not in (0, self.num_envs):
-            wanted = f"the states of {self.num_envs} random generators or of none"
-            raise ValueError(f"generators of a state must hold {wanted}, got {shown(generators)}")
+            raise ValueError(f"generators of a state must hold 0 or {self.num_envs} states, got {shown(generators)}")
         self.batch.set_state(state)
         self._generators = [seeding.np_random(there.get("seed"))[0] for there in generators]
         for generator, there in zip(self._generators, generators, strict=True):

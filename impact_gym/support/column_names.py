@@ -22,10 +22,9 @@ UNIT_FORMS = (*IN_BRACKETS, r"(.+)()", AS_SUFFIX)
 PRESENT = 5e8, 5e9  # s since 1970, limits of the dates that `unit_hint` assumes
 LONGEST_NAME = 80  # characters; a longer header is unknown, so that the patterns above take no time
 STATISTICS = re.compile(
-    r"(min|max)(imum)?|mean|avg|average|med|median|std|std ?dev|stdev|sd|mdev|var|variance|rms|sum|count|peak|second"
-    r"|[pq]\d+|\d+(th|%|p)?",
-    re.IGNORECASE,
-)
+    r"(min|max)(imum)?|mean|av(g|erage)|med(ian)?|std|(st|std|m)dev|sd|var(iance)?|rms|sum|count|peak|second"
+    r"|[pq]\d+|\d+(th|%|p)?", re.IGNORECASE
+)  # fmt: skip
 """Last words of headers, such as latency_min, that say what a column holds; in such a place, min is not minutes."""
 OTHER_UNITS = {"s": re.compile("h|hrs?|hours?|m|mins|d|days?", re.IGNORECASE)}
 """Last words of headers, such as time_h, that are units without a factor in SCALES."""

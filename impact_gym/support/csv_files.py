@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from datetime import datetime
 from functools import partial
-from itertools import islice
+from itertools import compress, islice
 from pathlib import Path
 from typing import NamedTuple
 
@@ -95,7 +95,7 @@ def _table(text: str, wanted: Mapping[str, Column], unnamed: Sequence[str]) -> T
             raise ValueError(f"{name} must be numbers, got dates or clock times, as {unnamed[0]} without a unit may be")
     needed = [n for n, name in enumerate(sources) if not wanted[name].may_be_empty]
     if (gaps := np.isnan(values[:, needed]).any(axis=1)).any():
-        values, rows = values[~gaps], {k: line for (k, line), gap in zip(rows.items(), gaps, strict=True) if not gap}
+        values, rows = values[~gaps], dict(compress(rows.items(), ~gaps))
         if not rows:
             raise ValueError(f"no line has a value of each of {', '.join(sources)}")
     if len(fall := np.flatnonzero(np.diff(values[:, [*sources].index(unnamed[0])]) <= 0.0)):
@@ -122,9 +122,8 @@ def _numbers(
     """
     if layout.decimal == "." and not any('"' in line for line in rows.values()):
         with suppress(ValueError):  # if NumPy refuses a line, such as one with an empty field, use the loop below
-            return np.loadtxt(
-                rows.values(), comments=None, delimiter=layout.separator, usecols=[*places.values()], ndmin=2
-            ), set()
+            columns = [*places.values()]
+            return np.loadtxt(rows.values(), comments=None, delimiter=layout.separator, usecols=columns, ndmin=2), set()
     table, first = [], dict[str, int]()
     for k, line in rows.items():
         row, values = _split(line, layout.separator), list[float]()

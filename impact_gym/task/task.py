@@ -129,7 +129,8 @@ class Task:
         if self.operator is not None:
             for way in WAYS:
                 self._put(way, getattr(self, way) or Channel())
-            link = Link(self.operator, *(getattr(self, way).within(self.horizon, way) for way in WAYS), self.drawn)
+            uplink, downlink = (getattr(self, way).within(self.horizon, way) for way in WAYS)
+            link = Link(self.operator, uplink, downlink, self.drawn)
             link.check(self.velocity_range, self.friction, self.horizon, self.control_period)
             self._put("link", link)
         self._check_reach()

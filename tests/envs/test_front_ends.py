@@ -202,9 +202,8 @@ def test_attributes_and_methods_of_slots_are_those_of_a_loop():
             assert_identical(envs.call(name), loop.call(name))
     for name in ("task", "render_mode", "observation_space", "action_space", "level", "note", "np_random_seed"):
         assert envs.get_attr(name) == loop.get_attr(name)
-    assert [each.random() for each in envs.get_attr("np_random")] == [
-        each.random() for each in loop.get_attr("np_random")
-    ]
+    states = [[generator.random() for generator in each.get_attr("np_random")] for each in (envs, loop)]
+    assert states[0] == states[1]
     for each in (envs, loop):
         with pytest.raises(ValueError, match="3"):
             each.set_attr("level", [1, 2])

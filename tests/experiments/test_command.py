@@ -27,7 +27,6 @@ from experiments.studies import QUESTIONS
 from experiments.studies.__main__ import StudyCommand
 from impact_gym.support.command_line import command_line, command_of, read_command
 
-ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning:runpy")  # of a module that was imported before it runs
 
 
@@ -71,10 +70,8 @@ def test_command_ends_quietly_with_its_reader(words):
     os.close(reader)
     line = [sys.executable, "-m", "experiments.command", *words.split()]
     with os.fdopen(writer, "wb") as closed:
-        ended = subprocess.run(
-            line, stdout=closed, stderr=subprocess.PIPE, text=True, cwd=ROOT, timeout=100, check=False
-        )
-    assert (ended.returncode, ended.stderr) == (command.READER_ENDED, "")
+        ended = subprocess.run(line, stdout=closed, stderr=subprocess.PIPE, cwd=Path(__file__).parents[2], check=False)
+    assert (ended.returncode, ended.stderr) == (command.READER_ENDED, b"")
 
 
 def test_study_lists_studies_and_refuses_unknown_names(exit_of, capsys, tmp_path, monkeypatch):
