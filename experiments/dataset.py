@@ -31,7 +31,7 @@ from agents.setups import FIXED, Setup, load_setup, shipped_baselines
 from experiments.play import try_files
 from impact_gym.envs import IDS
 from impact_gym.support.command_line import run_command
-from impact_gym.support.files import parsed, reason, write_file
+from impact_gym.support.files import UNFINISHED, parsed, reason, remove_unfinished, write_file
 from impact_gym.support.provenance import revision
 from impact_gym.support.sources import compiled_from
 from impact_gym.support.validation import distinct, one_of, shown, whole
@@ -135,7 +135,8 @@ def write(
         raise ValueError(f"there is a dataset {name} already, {final}: delete it, or use another --version")
     code = options.link or f"impact_gym {version('impact-gym')}, commit {revision()['commit'] or 'unknown'}"
     packages = [f"{package}=={version(package)}" for package in ("impact-gym", "gymnasium", "numpy")]
-    with tempfile.TemporaryDirectory(prefix=".making-", dir=get_dataset_path()) as hidden:
+    remove_unfinished(get_dataset_path())  # of killed commands
+    with tempfile.TemporaryDirectory(f".{os.getpid()}{UNFINISHED}", ".", get_dataset_path()) as hidden:
         with patch.dict(os.environ, {ROOT: hidden}):
             made = minari.create_dataset_from_buffers(
                 name, episodes, env=env, eval_env=env, algorithm_name=who, description=about, author=options.author,

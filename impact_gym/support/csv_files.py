@@ -28,8 +28,8 @@ NUMBERS = {
     sign: re.compile(rf"[+-]?((\d+([{sign}]\d*)?|[{sign}]\d+)(e[+-]?\d+)?|nan|inf(inity)?)|({STAMP})", re.IGNORECASE)
     for sign in ".,"
 }
-GAPS = {"-", "--", "*", "na", "n/a", "#n/a", "null", "none", "lost", "timeout"}
-"""Words, in lower case, that stand for a missing value, as an empty field and nan do."""
+GAPS = {"", "-", "--", "*", "na", "n/a", "#n/a", "null", "none", "lost", "timeout"}
+"""Fields, in lower case, that stand for a missing value, as nan does."""
 COMMENTS = ("#", "%", "//")
 MOST_NAMED = 20  # headers in a message
 FIRST_LINES, FIRST_CHARACTERS = 500, 100_000  # the beginning of a file, which is read to find its layout
@@ -130,16 +130,18 @@ def _numbers(
         if max(places.values()) >= len(row):
             raise ValueError(f"line {k} must have at least {layout.least} values, got {shown(line)}")
         for name, place in places.items():
-            field = row[place].replace(",", ".")
-            if row[place] and not NUMBERS[layout.decimal].fullmatch(row[place]):
-                raise ValueError(f"line {k}: {name} must be a number, got {shown(row[place])}")
+            field = row[place]
+            if not NUMBERS[layout.decimal].fullmatch(field):
+                if field.lower() not in GAPS:
+                    raise ValueError(f"line {k}: {name} must be a number, got {shown(field)}")
+                field = "nan"
             if ":" in field:
-                stamp = _nanoseconds(field, k, name)
+                stamp = _nanoseconds(field.replace(",", "."), k, name)
                 values.append((stamp - first.setdefault(name, stamp)) * 1e-9)
-            elif name in first and field:
-                raise ValueError(f"line {k}: {name} must be a date or time as before, got {shown(row[place])}")
+            elif name in first and field != "nan":
+                raise ValueError(f"line {k}: {name} must be a date or time as before, got {shown(field)}")
             else:
-                values.append(float(field or "nan"))
+                values.append(float(field.replace(",", ".")))
         table.append(values)
     return np.array(table), {*first}
 
@@ -155,18 +157,16 @@ def _nanoseconds(stamp: str, line: int, name: str) -> int:
 
 
 def _split(line: str, separator: str | None) -> list[str]:
-    """Return the fields of a line; "" for a missing value."""
     if separator is None or '"' not in line:
-        fields = line.split(separator)
-    else:
-        fields = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
-    return ["" if field.lower() in GAPS else field for field in map(str.strip, fields)]
+        return [field.strip() for field in line.split(separator)]
+    return [field.strip() for field in next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])]
 
 
 def _layout(lines: Sequence[str]) -> _Layout:
     best, most = None, 0.0
     for separator in SEPARATORS:
         rows = [[] if line.lstrip().startswith(COMMENTS) else _split(line, separator) for line in lines]
+        rows = [["" if field.lower() in GAPS else field for field in row] for row in rows]
         for decimal, number in NUMBERS.items():
             places = [tuple(k for k, field in enumerate(row) if number.fullmatch(field)) for row in rows]
             shares = [len(found) / sum(map(bool, row)) for row, found in zip(rows, places, strict=True) if found[1:]]

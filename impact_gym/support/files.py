@@ -5,6 +5,7 @@ import errno
 import fcntl
 import io
 import os
+import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -150,13 +151,13 @@ def locked(path: Path, wait: bool = True) -> Iterator[None]:
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Remove the temporary files of `whole_file` in `folder` whose processes on this machine have ended."""
+    """Remove files and folders in `folder` named .NAME.PROCESS.unfinished whose process on this machine has ended."""
     for unfinished in folder.glob(f".*{UNFINISHED}"):
         number = unfinished.name.removesuffix(UNFINISHED).rpartition(".")[2]
         try:
             os.kill(int(number), 0)  # sends nothing
         except (ProcessLookupError, ValueError, OverflowError):
-            unfinished.unlink(missing_ok=True)
+            shutil.rmtree(unfinished) if unfinished.is_dir() else unfinished.unlink(missing_ok=True)
         except PermissionError:  # another user's process
             continue
 

@@ -17,6 +17,7 @@ from agents.baselines import PaperTrapezoid, load_baseline
 from agents.policies import load_policy
 from agents.setups import load_setup
 from experiments.play import try_files
+from impact_gym.support.files import UNFINISHED
 from impact_gym.support.sources import compiled_from
 
 minari = pytest.importorskip("minari")
@@ -90,10 +91,12 @@ def test_failed_write_leaves_nothing_and_none_is_replaced(rule, root):
         yield dataset.recorded(setup.make(), 1, {}, dataset.players("rule", setup))
         raise KeyboardInterrupt
 
+    (left := root / f".a.{10**9}{UNFINISHED}" / "a").mkdir(parents=True)  # by a killed process
     options = dataset.DatasetOptions("linear-blind"), "rule", ""
     with pytest.raises(KeyboardInterrupt):
         dataset.write("impact/linear-blind/rule-v1", setup.make(), stopped(), *options)
     assert [*minari.list_local_datasets()] == [NAME]
+    assert not left.parent.exists()
     assert [*root.rglob("*.hdf5")] == [rule / "main_data.hdf5"]
 
 
