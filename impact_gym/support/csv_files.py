@@ -23,11 +23,12 @@ from impact_gym.support.files import parsed
 from impact_gym.support.validation import shown
 
 SEPARATORS = ("\t", ";", ",", "|", None)  # between fields; None: one or more blanks or tabs
-STAMP = r"(\d{4}-\d\d-\d\d[T ])?\d\d?:\d\d:\d\d([.,]\d+)?(Z|[+-]\d\d:?\d\d)?"  # of ISO 8601, or a clock time
+STAMP = r"(\d{4}[-/]\d\d[-/]\d\d[T ])?\d\d?:\d\d:\d\d([.,]\d+)?(Z|[+-]\d\d:?\d\d)?"  # of ISO 8601, or a clock time
 NUMBERS = {
     sign: re.compile(rf"[+-]?((\d+([{sign}]\d*)?|[{sign}]\d+)(e[+-]?\d+)?|nan|inf(inity)?)|({STAMP})", re.IGNORECASE)
     for sign in ".,"
 }
+DATES = r"\d+(:|[./-]\d+[./-])\d"  # of any form
 GAPS = {"", "-", "--", "*", "na", "n/a", "#n/a", "null", "none", "lost", "timeout"}
 """Fields, in lower case, that stand for a missing value, as nan does."""
 COMMENTS = ("#", "%", "//")
@@ -148,7 +149,8 @@ def _numbers(
 
 def _nanoseconds(stamp: str, line: int, name: str) -> int:
     """Return the time of a STAMP in ns, since 1970 or midnight."""
-    moment, fraction, zone = re.fullmatch(r"([^.]*?)(\.\d+)?(Z|[+-]\d\d:?\d\d)?", stamp).groups()  # type: ignore[union-attr]
+    groups = re.fullmatch(r"([^.]*?)(\.\d+)?(Z|[+-]\d\d:?\d\d)?", stamp.replace("/", "-")).groups()  # type: ignore[union-attr]
+    moment, fraction, zone = groups
     try:
         time = datetime.fromisoformat(("" if "-" in moment else "1970-01-01T") + moment.rjust(8, "0") + (zone or "Z"))
     except ValueError:
@@ -179,6 +181,7 @@ def _layout(lines: Sequence[str]) -> _Layout:
     if best is None:
         written = next((line for line in reversed(lines) if line.strip()), "")
         reason = f"no line has two numbers (first {len(lines)} lines read); the last line with text is {shown(written)}"
+        reason += "; dates must be written as 2024-05-01T12:00:00.5 or 12:00:00.5" * bool(re.search(DATES, written))
         raise ValueError(reason if written else "it is empty")
     return best
 
