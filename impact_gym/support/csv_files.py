@@ -95,8 +95,8 @@ def _table(text: str, wanted: Mapping[str, Column], unnamed: Sequence[str]) -> T
         if name != unnamed[0] or sources[name][1] not in (None, 1.0):
             raise ValueError(f"{name} must be numbers, got dates or clock times, as {unnamed[0]} without a unit may be")
     needed = [n for n, name in enumerate(sources) if not wanted[name].may_be_empty]
-    if (gaps := np.isnan(values[:, needed]).any(axis=1)).any():
-        values, rows = values[~gaps], dict(compress(rows.items(), ~gaps))
+    if (gaps := np.asarray(np.isnan(values[:, needed]).any(axis=1))).any():
+        values, rows = values[~gaps], dict(compress(rows.items(), (~gaps).tolist()))
         if not rows:
             raise ValueError(f"no line has a value of each of {', '.join(sources)}")
     if len(fall := np.flatnonzero(np.diff(values[:, [*sources].index(unnamed[0])]) <= 0.0)):
