@@ -220,13 +220,8 @@ class Batch:
     def _digest(self, state: Mapping[str, Any]) -> str:
         rest = {name: value for name, value in state.items() if name not in (*_STATE, "sha256")}
         total = sha256(repr(rest).encode())
-        for values in (
-            self._tasks,
-            self._drawn,
-            self._tables,
-            self._entries,
-            *(np.asarray(state[name]) for name in _STATE),
-        ):
+        of_tasks = self._tasks, self._drawn, self._tables, self._entries
+        for values in (*of_tasks, *(np.asarray(state[name]) for name in _STATE)):
             total.update(_dtype_text(values.dtype).encode() + values.tobytes())
         return total.hexdigest()
 
