@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 
 from impact_gym.support.archive import checksum
 from impact_gym.support.command_line import progress
-from impact_gym.support.files import DiskFullError, write_file
+from impact_gym.support.files import DiskFullError, remove_unfinished, write_file
 from impact_gym.support.provenance import origin_of
 from impact_gym.support.validation import WrongTypeError, number, whole
 
@@ -135,6 +135,7 @@ def cached(
 
 def _answers(calls: Iterable[Call], folder: Path, keep_failures: bool, workers: Workers) -> Answers:
     """Yield each call with its pickled result, stored results first; store each new result before yielding it."""
+    remove_unfinished(folder)
     missing = []
     for call in calls:
         pickled = _stored(call, folder)

@@ -1,5 +1,6 @@
 """The command `impact-gym NAME`: runs a module if the packages that the module needs are installed."""
 
+import os
 import platform
 import re
 import runpy
@@ -18,6 +19,8 @@ class Command(NamedTuple):
     extras: tuple[str, ...]
     help: str
 
+
+READER_ENDED = 141  # exit code of a program that SIGPIPE ended, 128 + 13
 
 COMMANDS: Mapping[str, Mapping[str, Command]] = {
     "for your own arm and tool": {
@@ -60,7 +63,7 @@ def missing(extras: tuple[str, ...]) -> list[str]:
     return [name for name in names if not any(Distribution.discover(name=name))]
 
 
-def main() -> None:
+def run() -> None:
     """Run the command that the first argument names, or print help or versions."""
     name, *arguments = sys.argv[1:] or ["--help"]
     commands = {name: command for group in COMMANDS.values() for name, command in group.items()}
@@ -77,6 +80,18 @@ def main() -> None:
     sys.argv[1:] = arguments
     sys.path.append("")  # current folder, for a user's module:object; last, so that our `experiments` comes first
     runpy.run_module(command.module, run_name="__main__", alter_sys=True)
+
+
+def main() -> None:
+    """Call `run`, and end without a message if the reader of standard output, such as `head`, has ended."""
+    try:
+        try:
+            run()
+        finally:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what Python writes when it ends
+        sys.exit(READER_ENDED)
 
 
 if __name__ == "__main__":

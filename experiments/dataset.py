@@ -13,11 +13,11 @@ from typing import Any
 from unittest.mock import patch
 
 import gymnasium as gym
+import h5py
 import minari
 import numpy as np
 from minari.data_collector.episode_buffer import EpisodeBuffer
 from minari.dataset.minari_dataset import parse_dataset_id
-from minari.dataset.minari_storage import MinariStorage
 from minari.namespace import create_namespace, list_local_namespaces
 from minari.storage import get_dataset_path
 from tqdm import tqdm
@@ -31,15 +31,20 @@ from agents.setups.tuned import read_tuned
 from experiments.play import attempts
 from impact_gym.envs import IDS
 from impact_gym.support.command_line import run_command
-from impact_gym.support.files import reason, write_file
+from impact_gym.support.files import UNFINISHED, parsed, reason, remove_unfinished, write_file
 from impact_gym.support.provenance import revision
 from impact_gym.support.sources import compiled_from
-from impact_gym.support.validation import distinct, shown, whole
+from impact_gym.support.validation import distinct, one_of, shown, whole
 from impact_gym.teleop.channels import without_files
 
 PLAYERS = {"rule": "the paper's rule", "profile": "the set-up's first baseline", "policy": "the set-up's policy"}
 SEED = 70_000_000  # default seed of the first episode; tuning, evaluation and the shipped trainings use other seeds
 ROOT = "MINARI_DATASETS_PATH"
+MOST_PACKED = 20  # largest ratio of an array's size to that of its file
+UNREADABLE = (
+    AssertionError, AttributeError, LookupError, OSError, RuntimeError, TypeError, ValueError, gym.error.Error,
+)  # fmt: skip
+"""Errors that a damaged or hostile dataset can raise."""
 Players = Callable[[float], Controller]  # returns the controller for an episode's time weight, m/s per s
 
 
@@ -130,7 +135,8 @@ def write(
         raise ValueError(f"there is a dataset {name} already, {final}: delete it, or use another --version")
     code = options.link or f"impact_gym {version('impact-gym')}, commit {revision()['commit'] or 'unknown'}"
     packages = [f"{package}=={version(package)}" for package in ("impact-gym", "gymnasium", "numpy")]
-    with tempfile.TemporaryDirectory(prefix=".making-", dir=get_dataset_path()) as hidden:
+    remove_unfinished(get_dataset_path())  # of killed commands
+    with tempfile.TemporaryDirectory(f".{os.getpid()}{UNFINISHED}", ".", get_dataset_path()) as hidden:
         with patch.dict(os.environ, {ROOT: hidden}):
             made = minari.create_dataset_from_buffers(
                 name, episodes, env=env, eval_env=env, algorithm_name=who, description=about, author=options.author,
@@ -172,10 +178,13 @@ def of_tries(options: DatasetOptions) -> Any:
     return write(name, env, again(), options, assists, "persons steer, with assistance")
 
 
-def given(actions: Sequence[Sequence[float]]) -> Players:
-    """Return a function that makes a controller, which plays `actions` and then zeros."""
+def given(actions: Sequence[Sequence[float]], *, then_zeros: bool = True) -> Players:
+    """Return a function that makes a controller, which plays `actions`, then zeros.
+
+    Without `then_zeros` the controller then raises StopIteration.
+    """
     first, *others = np.array(actions, np.float32)
-    ahead = chain([first], others, repeat(0.0 * first))
+    ahead = chain([first], others, repeat(0.0 * first) if then_zeros else ())
     return lambda _: SimpleNamespace(predict=lambda *_, **__: (next(ahead)[None], None))
 
 
@@ -192,26 +201,61 @@ def environment_of(about: Mapping[str, Any]) -> gym.Env[Any, Any]:
     return gym.make(spec["id"], max_episode_steps=spec["max_episode_steps"], **arguments)
 
 
+def refuse_foreign_content(folder: Path, about: Mapping[str, Any]) -> None:
+    """Raise ValueError if a dataset has more or fewer episodes than its metadata say, other files, or is too large."""
+    if about["data_format"] != "hdf5" or not (path := folder / "main_data.hdf5").is_file():
+        raise ValueError("its data must be in HDF5, in the file main_data.hdf5")
+    total, size = whole("total_episodes", about["total_episodes"], at_least=1), path.stat().st_size
+
+    with h5py.File(path, "r") as content:
+        if (stored := len(content)) != total:
+            raise ValueError(f"it has {stored} episodes, but its metadata say {total}")
+        links = dict[str, Any]()
+        content.visititems_links(lambda name, link: links.update({name: link}))
+        for name, link in links.items():
+            if not isinstance(link, h5py.HardLink):
+                raise ValueError(f"{shown(name)} is a link to another place")
+            if isinstance(data := content[name], h5py.Dataset):
+                if data.external or data.is_virtual:
+                    raise ValueError(f"{shown(name)} is stored in other files")
+                if data.nbytes > MOST_PACKED * size:
+                    raise ValueError(f"{shown(name)} has {data.nbytes:,} bytes, but the file only {size:,}")
+
+
 def check(name: str) -> int:
     """Replay a dataset, return the episode count; ValueError: the dataset cannot be loaded, or an episode differs."""
     if not get_dataset_path(name).is_dir():
         known = ", ".join(minari.list_local_datasets()) or "none"
         raise ValueError(f"there is no dataset {name!r:.80} in {get_dataset_path()}, which has: {known}")
-    about = MinariStorage.read_raw_metadata(get_dataset_path(name) / "data")
-    made = f"the dataset was made with {', '.join(about.get('requirements', ['?']))}, solver {about.get('solver', '?')}"
+    folder = get_dataset_path(name) / "data"
+    about = parsed(folder / "metadata.json", "JSON", json.loads)
+    one_of(f"the metadata of {name}", about, dict)
+    packages = listed if isinstance(listed := about.get("requirements"), list) else ["?"]
+    made = f"the dataset was made with {', '.join(map(str, packages))}, solver {about.get('solver', '?')}"
     other = f"{made}; installed are impact-gym {version('impact-gym')}, solver {compiled_from()}"
     try:
+        refuse_foreign_content(folder, about)
         env = environment_of(about)  # first, because `load_dataset` may import modules that the metadata name
         dataset = minari.load_dataset(name)
-    except (AssertionError, AttributeError, LookupError, TypeError, ValueError, gym.error.Error) as problem:
+        for space in ("observation_space", "action_space"):
+            if getattr(dataset, space) != getattr(env, space):
+                raise ValueError(f"its {space} is not that of its environment")
+    except UNREADABLE as problem:
         raise ValueError(f"{name} cannot be loaded ({reason(problem)}): {other}") from problem
-    abouts = dataset.storage.get_episode_metadata(range(dataset.total_episodes))
-    for episode, begun in zip(tqdm(dataset, name, unit="episodes"), abouts, strict=True):
-        record = begun.get("options", {}).get("record", {})
-        done = recorded(env, begun["seed"], record, given(episode.actions))
-        for what in ("observations", "rewards", "terminations", "truncations"):
-            if not np.array_equal(getattr(done, what), getattr(episode, what)):
-                raise ValueError(f"{name}: {what} of episode {episode.id} differ when replayed: {other}")
+    abouts, episodes = iter(dataset.storage.get_episode_metadata(range(dataset.total_episodes))), iter(dataset)
+    with tqdm(total=dataset.total_episodes, desc=name, unit="episodes") as bar:
+        for number in range(dataset.total_episodes):
+            try:
+                begun, episode = next(abouts), next(episodes)
+                record = begun.get("options", {}).get("record", {})
+                done = recorded(env, begun["seed"], record, given(episode.actions, then_zeros=False))
+            except (*UNREADABLE, StopIteration) as problem:
+                why = reason(problem) or "it has too few actions"
+                raise ValueError(f"{name}: episode {number} cannot be replayed ({why}): {other}") from problem
+            for what in ("actions", "observations", "rewards", "terminations", "truncations"):
+                if not np.array_equal(getattr(done, what), getattr(episode, what)):
+                    raise ValueError(f"{name}: {what} of episode {number} differ when replayed: {other}")
+            bar.update()
     return int(dataset.total_episodes)
 
 

@@ -109,11 +109,9 @@ class ImpactVecEnv(VecEnv):
     def env_method(
         self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **method_kwargs: Any
     ) -> list[Any]:
-        """Call a method of `envs` once, for all environments; return its value for each one, of `sensors` its own."""
+        """Call a method of all environments, see `ImpactApproachVectorEnv.call`; return its value for each one."""
         self._must_be_all(indices, method_name)
-        value = getattr(self.envs, method_name)(*method_args, **method_kwargs)
-        own = method_name == "sensors"
-        return [{name: float(of[row]) for name, of in value.items()} if own else value for row in range(self.num_envs)]
+        return list(self.envs.call(method_name, *method_args, **method_kwargs))
 
     def env_is_wrapped(
         self, wrapper_class: type[Wrapper[Any, Any, Any, Any]], indices: VecEnvIndices = None

@@ -35,7 +35,7 @@ from agents.policies.policy import FORMAT
 from experiments.report.__main__ import ReportOptions, write
 from impact_gym.identification import log as logs_of
 from impact_gym.identification.__main__ import parse
-from impact_gym.support import archive, validation
+from impact_gym.support import archive, files, validation
 from impact_gym.support.files import UNFINISHED, locked, write_file
 from impact_gym.task import evaluation_sets
 
@@ -197,6 +197,29 @@ def test_load_policy_refuses_an_array_larger_than_its_file(shape, size, how, mes
         np.lib.format.write_array_header_1_0(array, {"descr": "<f8", "fortran_order": False, "shape": shape})
         array.write(bytes(size))
     refused(partial(load_policy, path), message)
+
+
+def test_archive_is_of_bounded_size_and_no_parts_overlap(tmp_path, monkeypatch):
+    path = made_up_policy().save(tmp_path / "it.npz")
+    for room in (0, -1):
+        load_policy(path)
+        monkeypatch.setattr(files, "LARGEST", path.stat().st_size + room)
+    refused(partial(load_policy, path), f"it must have at most {path.stat().st_size - 1:,} bytes")
+    monkeypatch.undo()
+    with zipfile.ZipFile(path, "a") as file:
+        first, second, *_ = file.infolist()
+        second.header_offset = first.header_offset
+        file.writestr("more", "")
+    refused(partial(load_policy, path), f"its parts {first.filename!r} and {second.filename!r} overlap")
+
+
+@pytest.mark.parametrize(("load", "suffix"), [(load_setup, ".toml"), (load_policy, ".npz")])
+def test_what_is_there_and_no_file_is_called_that(suffix, load, tmp_path):
+    os.mkfifo(tmp_path / f"pipe{suffix}")
+    (tmp_path / f"ring{suffix}").symlink_to(f"ring{suffix}")
+    (tmp_path / f"folder{suffix}").mkdir()
+    for path in tmp_path.iterdir():
+        refused(partial(load, path), path.name, "but it is a folder, a device, a pipe or a loop of links")
 
 
 def test_file_is_written_through_links_and_over_nothing_else(tmp_path):

@@ -200,11 +200,19 @@ def tuned_rule(content: Mapping[str, Any]) -> Rule:
     """Return the rule from the content of a tuned baseline's file, with its parameters for all time weights."""
     if not content["weights"]:
         raise ValueError(f"the file of baseline {content['baseline']!r} has no time weight: run impact-gym tune")
-    tuned = {float(weight): found["parameters"] for weight, found in content["weights"].items()}
-    # the order of the parameters in an entry of "weights" may differ from that in "parameters"
-    weights, names = sorted(tuned), [parameter["name"] for parameter in content["parameters"]]
-    table = [[tuned[weight][name] for name in names] for weight in weights]
-    task = Task(**content["environment"])
-    rule = RULES[content["rule"]].of(table, ranges_for(task)).for_task(task)
-    rule.weights = weights
+    table, task = tuned_parameters(content), Task(**content["environment"])
+    rule = RULES[content["rule"]].of([*table.values()], ranges_for(task)).for_task(task)
+    rule.weights = [*table]
     return rule
+
+
+def tuned_parameters(content: Mapping[str, Any]) -> dict[float, list[float]]:
+    """Return the parameters for each time weight (m/s per s), ascending; ValueError, LookupError: not all are numbers.
+
+    The order of the parameters in an entry of "weights" may differ from that in "parameters".
+    """
+    table = dict[float, list[float]]()
+    for weight, found in content["weights"].items():
+        row = [number(each["name"], found["parameters"][each["name"]], each["unit"]) for each in content["parameters"]]
+        table[number("each of weights", float(weight), "m/s per s", above=0)] = row
+    return dict(sorted(table.items()))

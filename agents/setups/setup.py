@@ -4,7 +4,7 @@ import tomllib
 from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -118,34 +118,49 @@ def owner(baseline: str, setup: Setup | None = None) -> Setup | None:
 
 def load_setup(name_or_path: str | Path) -> Setup:
     """Return a shipped set-up, by name, or the set-up in a file. TypeError, ValueError: it is missing or invalid."""
-    path = named_file("set-up", name_or_path, SHIPPED, ".toml")
-    return deepcopy(_loaded(path.resolve(), path.stat().st_mtime_ns))
+    path = named_file("set-up", name_or_path, SHIPPED, ".toml").resolve()
+    setup, files = _LOADED.get(path, (None, {}))
+    if setup is None or any(_version(file) != version for file, version in files.items()):
+        identifier("name of a set-up's file", path.stem)
+        content = _read(path, files := {})
+        with prefixed_errors(str(path)):
+            setup = _setup(path, content)
+        if len(_LOADED) == MOST_LOADED:
+            _LOADED.clear()
+        _LOADED[path] = setup, files
+    return deepcopy(setup)
 
 
-@lru_cache(maxsize=64)
-def _loaded(path: Path, _: int) -> Setup:
-    identifier("name of a set-up's file", path.stem)
-    content = _read(path)
-    with prefixed_errors(str(path)):
-        return _setup(path, content)
+MOST_LOADED = 64  # largest number of set-ups in _LOADED
+_LOADED: dict[Path, tuple[Setup, dict[Path, Any]]] = {}
+"""Each set-up that was loaded, and the `_version` of every file that was read for it."""
 
 
-def _read(path: Path, extended: tuple[Path, ...] = ()) -> dict[str, Any]:
-    """Return the content of a file. The INHERITED tables also get the keys of the set-up that `extends` names."""
+def _version(path: Path) -> Any:
+    """Return what changes if a file is edited, replaced or removed."""
+    return (about.st_ino, about.st_size, about.st_mtime_ns) if path.is_file() and (about := path.stat()) else None
+
+
+def _read(path: Path, files: dict[Path, Any], extended: tuple[Path, ...] = ()) -> dict[str, Any]:
+    """Return the content of a file, and add the `_version` of every file that is read to `files`.
+
+    The INHERITED tables also get the keys of the set-up that `extends` names.
+    """
+    files[path] = _version(path)
     content: dict[str, Any] = parsed(path, "TOML", tomllib.loads)
     with prefixed_errors(str(path)):
-        _read_delays(table(content, "environment"), path.parent)
+        _read_delays(table(content, "environment"), path.parent, files)
         mixed = table(content, "training").get("mixed", [])
         for place, part in enumerate(mixed if isinstance(mixed, list) else []):
             if isinstance(part, dict):
                 with prefixed_errors(f"training.mixed[{place}]"):
-                    _read_delays(part, path.parent)
+                    _read_delays(part, path.parent, files)
         if "extends" in content:
             beside = path.parent / (name := text(content, "extends", ""))
             base = named_file("set-up", beside if name.endswith(".toml") else name, SHIPPED, ".toml").resolve()
             if base in (*extended, path):
                 raise ValueError(f"extends must name a set-up that does not extend this one, got {name!r}")
-            inherited = _read(base, (*extended, path))
+            inherited = _read(base, files, (*extended, path))
             content |= {each: {**table(inherited, each), **table(content, each)} for each in INHERITED}
     return content
 
@@ -190,11 +205,12 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
     return setup
 
 
-def _read_delays(environment: dict[str, Any], folder: Path) -> None:
+def _read_delays(environment: dict[str, Any], folder: Path, files: dict[Path, Any]) -> None:
     """Replace each channel's `trace`, a path relative to the set-up's `folder`, by the rows of that file."""
     for way in WAYS:
         if isinstance(channel := environment.get(way), dict) and isinstance(trace := channel.get("trace"), str):
             with prefixed_errors(f"environment.{way}"):
+                files[folder / trace] = _version(folder / trace)
                 channel["trace"] = [list(row) for row in zip(*columns_of(folder / trace), strict=True)]
 
 

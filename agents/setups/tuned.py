@@ -5,18 +5,20 @@ found for `Clairvoyant`, a rule that knows the scenario. Another controller coul
 """
 
 import json
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from agents.baselines import FIXED, RULES, Clairvoyant, Rule, tuned_rule
-from agents.baselines.rule import Floats, ranges_for
+from agents.baselines.rule import Floats, ranges_for, tuned_parameters
 from agents.policies import Controller
 from agents.setups.setup import TUNED, Setup, owner, shipped_baselines
 from impact_gym.support.archive import archive_of, checksum, read_archive, refuse_altered
-from impact_gym.support.files import parsed, write_file
+from impact_gym.support.files import NO_FILE, parsed, reason, write_file
 from impact_gym.support.validation import nearest, number
 from impact_gym.task import Task
+from impact_gym.teleop.channels import without_files
 
 FORMAT = "impact_gym tuned baseline 1"
 BOUND_FORMAT = "impact_gym clairvoyant 2"
@@ -52,17 +54,20 @@ def read_tuned(name: str | Path, folder: Path | None = None, setup: Setup | None
         raise ValueError(nearest("baseline", name, [*FIXED, *shipped_baselines()]))
     remedy = f"run impact-gym tune {setup.called if setup else 'SETUP'} --out {path.parent}"
     if not path.is_file():
-        raise ValueError(f"baseline {name!r} was not tuned (there is no file {path}): {remedy}")
+        why = f"{path} is {NO_FILE}" if os.path.lexists(path) else f"there is no file {path}"
+        raise ValueError(f"baseline {name!r} was not tuned ({why}): {remedy}")
     try:
         content: dict[str, Any] = parsed(path, "JSON", json.loads)
         refuse_altered(content["sha256"], {field: value for field, value in content.items() if field != "sha256"})
-        task = Task(**content["environment"])
+        task = Task(**without_files(content["environment"]))
         expected = _description(name, setup.tuned[name].rule if setup else RULES[content["rule"]], task)
         other = [field for field, value in expected.items() if content[field] != value]
         if setup and not setup.describes(task):
             other.append("environment")
+        if not other:
+            tuned_parameters(content)
     except (LookupError, TypeError, AttributeError, ValueError) as error:
-        raise ValueError(f"{path} is no tuned baseline, or it is damaged: {error}; {remedy}") from error
+        raise ValueError(f"{path} is no tuned baseline, or it is damaged: {reason(error)}; {remedy}") from error
     if other:
         what = "table of parameters" if other[0] == "parameters" else other[0]
         raise ValueError(f"the {what} in {path} differs from that of this version or of the set-up: {remedy}")

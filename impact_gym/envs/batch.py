@@ -107,6 +107,7 @@ class Batch:
             tables.append(table)
             numbers += len(table)
         self._tasks, self.draws = np.concatenate(records), np.array(draws, kernels.DRAW)
+        self._drawn = self.draws.copy()  # `set_scenario` changes `draws`
         self._tables, self._entries = np.concatenate(tables), self.spec.to_kernel()
         self.models = kernels.models_of(np.ascontiguousarray(self._tasks["mount"]))
         if self._tasks["mount_drawn"].any():
@@ -206,6 +207,7 @@ class Batch:
         Raises:
             ValueError: the state was altered, or its batch has another size, task or trace length; nothing was changed.
         """
+        one_of("state", state, Mapping)
         for name in _STATE:
             own = getattr(self, name)
             array(f"{name} of a state", state.get(name), own.shape, own.dtype.kind, _dtype_text(own.dtype))
@@ -218,7 +220,8 @@ class Batch:
     def _digest(self, state: Mapping[str, Any]) -> str:
         rest = {name: value for name, value in state.items() if name not in (*_STATE, "sha256")}
         total = sha256(repr(rest).encode())
-        for values in (self._tasks, self._tables, *(np.asarray(state[name]) for name in _STATE)):
+        of_tasks = self._tasks, self._drawn, self._tables, self._entries
+        for values in (*of_tasks, *(np.asarray(state[name]) for name in _STATE)):
             total.update(_dtype_text(values.dtype).encode() + values.tobytes())
         return total.hexdigest()
 

@@ -1,12 +1,12 @@
 """The batch as a Gymnasium vector environment; compiled code steps all environments."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from gymnasium import logger
 from gymnasium.error import ResetNeeded
-from gymnasium.spaces import Box
+from gymnasium.spaces import Box, Space
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from impact_gym.envs.batch import Batch
 from impact_gym.envs.single import TRACE_POINTS, ImpactApproachEnv, steps_per_second
-from impact_gym.support.validation import array, choice, one_of, whole
+from impact_gym.support.validation import array, choice, one_of, shown, whole
 from impact_gym.task.episodes import reset_options
 from impact_gym.task.task import Task
 
@@ -39,6 +39,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
     - `max_episode_steps`: number of control steps after which an episode is truncated.
 
     `set_scenario` and `sensors` are methods of `Batch`, and `command` is its method `set_operator_velocity`.
+    `call`, `get_attr` and `set_attr` are those of Gymnasium's vector environments.
     """
 
     def __init__(
@@ -78,6 +79,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._generators: list[Any] = []  # random generators of NumPy
+        self._attributes: dict[str, tuple[Any, ...]] = {}  # what `set_attr` has set
         self._ended, self._skipped = np.zeros((2, self.num_envs), np.bool_)
 
     @property
@@ -164,6 +166,50 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         renderer = Renderer(self.render_mode, self.metadata["render_fps"])
         return tuple(renderer.render(self.batch.history(slot)) for slot in range(self.num_envs))
 
+    def episode_info(self) -> dict[str, Any]:
+        """Return the entries of the final `info` with their present values, arrays (num_envs,)."""
+        self.batch.check_begun("episode_info")
+        return self.batch.info()
+
+    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        """Return for each slot an attribute as `ImpactApproachEnv` has it; if it is a method, what it returns.
+
+        Only the batch itself plays: `name` must not be "reset", "step" or "close". Methods that change all slots, such
+        as "set_scenario", are called once.
+        """
+        batch, rows = self.batch, range(self.num_envs)
+        if name in ("reset", "step", "close"):
+            raise ValueError(f"call must name an attribute or method of one environment, got {name!r}: only all step")
+        if name in self._attributes:
+            return tuple(each(*args, **kwargs) if callable(each) else each for each in self._attributes[name])
+        seeds = self.np_random_seed if name.startswith("np_random") else ()
+        own: dict[str, Iterable[Any]] = {
+            "task": (batch.tasks[row % len(batch.tasks)] for row in rows), "np_random": self._generators,
+            "np_random_seed": seeds, "episode_state": map(batch.episode_state, rows),
+        }  # fmt: skip
+        if name in own:
+            return tuple(own[name])
+        value = getattr(self, f"single_{name}" if name.endswith("_space") and name != "reward_space" else name)
+        value = value(*args, **kwargs) if callable(value) and not isinstance(value, Space) else value
+        if name == "episode_info":
+            return tuple(batch.infos(np.arange(self.num_envs)))
+        if name == "sensors":
+            return tuple({sensor: float(column[row]) for sensor, column in value.items()} for row in rows)
+        return value if name == "render" and value else (value,) * self.num_envs
+
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """Return the attribute `name` of each slot, see `call`."""
+        return self.call(name)
+
+    def set_attr(self, name: str, values: Any) -> None:
+        """Set a new attribute of the slots to `values`, a list or tuple (num_envs,), or one value for all slots."""
+        if name == "task" or hasattr(self, name):
+            raise ValueError(f"set_attr must name an attribute that environments do not have, got {name!r}")
+        given = tuple(values) if isinstance(values, (list, tuple)) else (values,) * self.num_envs
+        if len(given) != self.num_envs:
+            raise ValueError(f"values must be one value or a list of {self.num_envs}, got {shown(values)}")
+        self._attributes[name] = given
+
     def get_state(self) -> dict[str, Any]:
         """Return a copy of the state, with the random generators, for `set_state`."""
         own = (generator.bit_generator for generator in self._generators)
@@ -171,9 +217,13 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Restore a state that `get_state` returned, see `Batch.set_state`."""
+        one_of("state", state, Mapping)
+        generators = state.get("generators")
+        if not isinstance(generators, list) or len(generators) not in (0, self.num_envs):
+            raise ValueError(f"generators of a state must hold 0 or {self.num_envs} states, got {shown(generators)}")
         self.batch.set_state(state)
-        self._generators = [seeding.np_random(there.get("seed"))[0] for there in state["generators"]]
-        for generator, there in zip(self._generators, state["generators"], strict=True):
+        self._generators = [seeding.np_random(there.get("seed"))[0] for there in generators]
+        for generator, there in zip(self._generators, generators, strict=True):
             generator.bit_generator.state = there
         self._ended = self.batch.ended
 

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from impact_gym.identification.sensor import Array, Sensor, bursts, level, noise_of, runs
 from impact_gym.motion import Trapezoid
 from impact_gym.scene import Robot, Scene
-from impact_gym.support.csv_files import Column, read_columns
+from impact_gym.support.column_names import Column, unit_hint
+from impact_gym.support.csv_files import read_columns
 from impact_gym.support.validation import WrongTypeError, numbers, shown
 
 TIME = Column("s", r"((rel|relative|elapsed) )?(time ?stamp|time)s?|t|zeit|x value")
@@ -90,7 +91,8 @@ def read(source: Any, name: str) -> Log:
         one, other = (round(t, 9) for t in time[k : k + 2].tolist())
         raise ValueError(f"{name}, time must increase, got {one} s and then {other} s at sample {k + 1}")
     if (usual := float(np.median(np.diff(time)))) > MAX_STEP:
-        raise ValueError(f"{name}, time must have steps of at most {MAX_STEP:g} s, got {usual:g} s: is it in ms?")
+        raise ValueError(f"{name}, time must have steps of at most {MAX_STEP:g} s, got {usual:g} s"
+                         + unit_hint(usual, MAX_STEP, begin=time[0]))  # fmt: skip
     log = Log(name, time, columns)
     if log.lost.max() > MAX_LOST:
         k = int(np.argmax(log.lost))

@@ -5,7 +5,7 @@ import io
 import json
 import zipfile
 from collections.abc import Mapping
-from itertools import chain
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
-from impact_gym.support.files import reason
+from impact_gym.support.files import reason, whole_content
 from impact_gym.support.validation import shown
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -47,7 +47,7 @@ def archive_of(kind: str, content: Mapping[str, Any], arrays: Arrays) -> bytes:
 def read_archive(path: Path, kind: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     """Return content and arrays of an archive. ValueError: the file is missing, damaged or of another format."""
     try:
-        return unpacked(path.read_bytes(), kind)
+        return unpacked(whole_content(path), kind)
     except Exception as error:  # a damaged file may raise any error
         pickled = "it holds pickled objects, which are never loaded" if "pickle" in str(error) else reason(error)
         raise ValueError(f"{path} is no {kind} file, or is damaged: {pickled}") from error
@@ -61,6 +61,10 @@ def unpacked(packed: bytes, kind: str) -> tuple[dict[str, Any], dict[str, NDArra
             raise ValueError(f"its parts add up to {size:,} bytes, more than the {len(packed):,} bytes of the file")
         if compressed := [part.filename for part in parts if part.compress_type != zipfile.ZIP_STORED]:
             raise ValueError(f"{shown(compressed[0])} is compressed, which is not allowed")
+        parts.sort(key=lambda part: part.header_offset)
+        for part, after in pairwise(parts):
+            if part.header_offset + part.file_size > after.header_offset:
+                raise ValueError(f"its parts {shown(part.filename)} and {shown(after.filename)} overlap")
         header = json.loads(str(archive["header"]))
         if header["format"] != kind:
             raise ValueError(f"its format is {header['format']!r}, this version reads {kind!r}")

@@ -59,6 +59,8 @@ def command_line(name: str, after: str = "the same command continues") -> Iterat
             yield
     except DiskFullError as error:
         sys.exit(f"impact-gym {name}: {error}; make room: {after}")
+    except BrokenPipeError:  # the reader of standard output has ended, see `experiments.command`
+        raise
     except (OSError, RuntimeError, ValueError) as error:
         sys.exit(f"impact-gym {name}: {error}")
     except ModuleNotFoundError as error:

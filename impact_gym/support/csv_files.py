@@ -7,48 +7,33 @@ import codecs
 import csv
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from datetime import datetime
 from functools import partial
+from itertools import compress, islice
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_gym.support.column_names import SCALES, Column, Meaning, meaning_of, scale_of
 from impact_gym.support.files import parsed
 from impact_gym.support.validation import shown
 
-SCALES: Mapping[str, Mapping[str, float]] = {
-    unit: {alias: factor for factor, aliases in scales.items() for alias in aliases.split()}
-    for unit, scales in {
-        "s": {1.0: "s sec secs second seconds", 1e-3: "ms msec msecs millisecond milliseconds", 60.0: "min minutes",
-              1e-6: "us \u00b5s \u03bcs usec microsecond microseconds", 1e-9: "ns nsec nanosecond nanoseconds"},
-        "N": {1.0: "n newton newtons", 1e-3: "mn", 1e3: "kn", 10.0: "dan", 9.80665: "kgf kp", 4.4482216152605: "lbf"},
-        "m/s": {1.0: "m/s ms^-1", 1e-3: "mm/s", 1e-2: "cm/s", 1.0 / 3.6: "km/h", 0.0254: "in/s", 0.3048: "ft/s"},
-        "m/s^2": {1.0: "m/s^2 m/s/s ms^-2", 1e-3: "mm/s^2", 1e-2: "cm/s^2", 9.80665: "g gn g0", 9.80665e-3: "mg"},
-    }.items()
-}  # fmt: skip
-"""For each SI unit: accepted units in lower case, with their factors to the SI unit."""
-IN_BRACKETS = (r"(.+?)[\s_]*[\[({<]([^\[({<]*)[\])}>]\s*", r"([^/]+?)\s*/\s*\(?(.+?)\)?")
-UNIT_FORMS = (*IN_BRACKETS, r"(.+)()", r"(.+?)(?:[\s_,:-]|\bin\b)+([^\s_]+)")
-"""Patterns of headers such as Force (N), force/N, force, force_N; in the first two, an unknown unit is an error."""
 SEPARATORS = ("\t", ";", ",", "|", None)  # between fields; None: one or more blanks or tabs
+STAMP = r"(\d{4}[-/]\d\d[-/]\d\d[T ])?\d\d?:\d\d:\d\d([.,]\d+)?(Z|[+-]\d\d:?\d\d)?"  # of ISO 8601, or a clock time
 NUMBERS = {
-    sign: re.compile(rf"[+-]?((\d+[{sign}]?\d*|[{sign}]\d+)(e[+-]?\d+)?|nan|inf(inity)?)", re.IGNORECASE)
+    sign: re.compile(rf"[+-]?((\d+([{sign}]\d*)?|[{sign}]\d+)(e[+-]?\d+)?|nan|inf(inity)?)|({STAMP})", re.IGNORECASE)
     for sign in ".,"
 }
+DATES = r"\d+(:|[./-]\d+[./-])\d"  # of any form
+GAPS = {"", "-", "--", "*", "na", "n/a", "#n/a", "null", "none", "lost", "timeout"}
+"""Fields, in lower case, that stand for a missing value, as nan does."""
 COMMENTS = ("#", "%", "//")
+MOST_NAMED = 20  # headers in a message
 FIRST_LINES, FIRST_CHARACTERS = 500, 100_000  # the beginning of a file, which is read to find its layout
-
-
-class Column(NamedTuple):
-    """A column to look for in a file."""
-
-    unit: str  # SI unit, a key of SCALES
-    names: str  # regular expression that matches the column's name in lower case, with a blank between words
-    needs_unit: bool = False  # True: the file must state the unit, because several units are common
-    may_be_empty: bool = False  # True: an empty field becomes nan; False: an empty field is refused
 
 
 Table = tuple[dict[str, NDArray[np.float64]], str]
@@ -76,9 +61,11 @@ def read_columns(path: Path, wanted: Mapping[str, Column], unnamed: Sequence[str
         unnamed: names of the columns, in order, if the file has no names. Every file must have the first of these
             columns and at least one other wanted column.
 
+    Dates and clock times become seconds since the first of them. A line without a value is left out, see `Column`.
+
     Raises:
-        ValueError: `parsed` refuses the file, a column is missing or ambiguous, a unit is unknown or missing, or a
-            value is not a number. The message names the file, and the line of a wrong value.
+        ValueError: `parsed` refuses the file, a column is missing or ambiguous, a unit is unknown or missing, a value
+            is not a number, or the first of `unnamed` does not rise. The message names the file and the line.
     """
     return parsed(path, "CSV", partial(_table, wanted=wanted, unnamed=unnamed), _decoded)
 
@@ -103,36 +90,72 @@ def _table(text: str, wanted: Mapping[str, Column], unnamed: Sequence[str]) -> T
         k: line for k, line in enumerate(text.split("\n")[layout.first :], layout.first + 1)
         if line.strip() and not line.lstrip().startswith(COMMENTS)
     }  # fmt: skip
-    values = _numbers(rows, layout, {name: place for name, (place, _) in sources.items()}, wanted)
+    values, stamped = _numbers(rows, layout, {name: place for name, (place, _) in sources.items()})
+    for name in stamped:
+        if name != unnamed[0] or sources[name][1] not in (None, 1.0):
+            raise ValueError(f"{name} must be numbers, got dates or clock times, as {unnamed[0]} without a unit may be")
+    needed = [n for n, name in enumerate(sources) if not wanted[name].may_be_empty]
+    if (gaps := np.asarray(np.isnan(values[:, needed]).any(axis=1))).any():
+        values, rows = values[~gaps], dict(compress(rows.items(), (~gaps).tolist()))
+        if not rows:
+            raise ValueError(f"no line has a value of each of {', '.join(sources)}")
+    if len(fall := np.flatnonzero(np.diff(values[:, [*sources].index(unnamed[0])]) <= 0.0)):
+        at, place = [*rows][fall[0] : fall[0] + 2], sources[unnamed[0]][0]
+        before, after = (shown(_split(rows[k], layout.separator)[place]) for k in at)
+        raise ValueError(f"line {at[1]}: {unnamed[0]} must rise, got {after} after {before} in line {at[0]}")
     columns = {name: values[:, n] * (scale or 1.0) for n, (name, (_, scale)) in enumerate(sources.items())}
     said = ", ".join(
         f"{name} ({wanted[name].unit}) from {shown(heads[place]) if heads[place] else f'column {place + 1}'}"
-        + ("" if scale else " without a unit")
+        + ("" if scale else " without a unit" if name not in stamped else " as dates or times")
         for name, (place, scale) in sources.items()
     )
     rest = [shown(head) for place, head in enumerate(heads) if place not in dict(sources.values())]
-    return columns, f"{said}; not used: {', '.join(rest)}" if rest else said
+    said += f"; not used: {', '.join(rest[:MOST_NAMED])}" if rest else ""
+    return columns, said + (f"; lines left out, as they lack a value: {gaps.sum()}" if gaps.any() else "")
 
 
 def _numbers(
-    rows: Mapping[int, str], layout: _Layout, places: Mapping[str, int], wanted: Mapping[str, Column]
-) -> NDArray[np.float64]:
-    """Return the numbers (lines, columns). `rows`: lines by line number; `places`: the field index of each column."""
+    rows: Mapping[int, str], layout: _Layout, places: Mapping[str, int]
+) -> tuple[NDArray[np.float64], set[str]]:
+    """Return the numbers (lines, columns), nan for none, and the names of the columns with dates or clock times.
+
+    `rows`: lines by line number; `places`: the field index of each column.
+    """
     if layout.decimal == "." and not any('"' in line for line in rows.values()):
         with suppress(ValueError):  # if NumPy refuses a line, such as one with an empty field, use the loop below
-            return np.loadtxt(
-                rows.values(), comments=None, delimiter=layout.separator, usecols=[*places.values()], ndmin=2
-            )
-    table = []
+            columns = [*places.values()]
+            return np.loadtxt(rows.values(), comments=None, delimiter=layout.separator, usecols=columns, ndmin=2), set()
+    table, first = [], dict[str, int]()
     for k, line in rows.items():
-        row = _split(line, layout.separator)
+        row, values = _split(line, layout.separator), list[float]()
         if max(places.values()) >= len(row):
             raise ValueError(f"line {k} must have at least {layout.least} values, got {shown(line)}")
         for name, place in places.items():
-            if not NUMBERS[layout.decimal].fullmatch(row[place]) and (row[place] or not wanted[name].may_be_empty):
-                raise ValueError(f"line {k}: {name} must be a number, got {shown(row[place])}")
-        table.append([float(row[place].replace(",", ".") or "nan") for place in places.values()])
-    return np.array(table)
+            field = row[place]
+            if not NUMBERS[layout.decimal].fullmatch(field):
+                if field.lower() not in GAPS:
+                    raise ValueError(f"line {k}: {name} must be a number, got {shown(field)}")
+                field = "nan"
+            if ":" in field:
+                stamp = _nanoseconds(field.replace(",", "."), k, name)
+                values.append((stamp - first.setdefault(name, stamp)) * 1e-9)
+            elif name in first and field != "nan":
+                raise ValueError(f"line {k}: {name} must be a date or time as before, got {shown(field)}")
+            else:
+                values.append(float(field.replace(",", ".")))
+        table.append(values)
+    return np.array(table), {*first}
+
+
+def _nanoseconds(stamp: str, line: int, name: str) -> int:
+    """Return the time of a STAMP in ns, since 1970 or midnight."""
+    groups = re.fullmatch(r"([^.]*?)(\.\d+)?(Z|[+-]\d\d:?\d\d)?", stamp.replace("/", "-")).groups()  # type: ignore[union-attr]
+    moment, fraction, zone = groups
+    try:
+        time = datetime.fromisoformat(("" if "-" in moment else "1970-01-01T") + moment.rjust(8, "0") + (zone or "Z"))
+    except ValueError:
+        raise ValueError(f"line {line}: {name} must be a date and a time that exist, got {shown(stamp)}") from None
+    return round(time.timestamp()) * 10**9 + round(float(fraction or 0.0) * 1e9)
 
 
 def _split(line: str, separator: str | None) -> list[str]:
@@ -145,6 +168,7 @@ def _layout(lines: Sequence[str]) -> _Layout:
     best, most = None, 0.0
     for separator in SEPARATORS:
         rows = [[] if line.lstrip().startswith(COMMENTS) else _split(line, separator) for line in lines]
+        rows = [["" if field.lower() in GAPS else field for field in row] for row in rows]
         for decimal, number in NUMBERS.items():
             places = [tuple(k for k, field in enumerate(row) if number.fullmatch(field)) for row in rows]
             shares = [len(found) / sum(map(bool, row)) for row, found in zip(rows, places, strict=True) if found[1:]]
@@ -157,6 +181,7 @@ def _layout(lines: Sequence[str]) -> _Layout:
     if best is None:
         written = next((line for line in reversed(lines) if line.strip()), "")
         reason = f"no line has two numbers (first {len(lines)} lines read); the last line with text is {shown(written)}"
+        reason += "; dates must be written as 2024-05-01T12:00:00.5 or 12:00:00.5" * bool(re.search(DATES, written))
         raise ValueError(reason if written else "it is empty")
     return best
 
@@ -170,30 +195,39 @@ def _sources(
     if heads and between:
         raise ValueError(f"line {between[0] + 1} must have units or numbers, got {shown(lines[between[0]])}")
     words = _split(lines[between[0]], layout.separator) if between and not heads else []
-    if len(words) > 1 and (layout.separator or len(words) == layout.least or any(_meaning(w, wanted) for w in words)):
+    if len(words) > 1 and (
+        layout.separator or len(words) == layout.least or any(meaning_of(w, wanted).name for w in words)
+    ):
         raise ValueError(f"line {between[0] + 1} must name the {layout.least} or more columns below it, "
                          f"with known names ({allowed}), got {shown(lines[between[0]])}"
                          + ": are commas also decimal signs?" * (layout.separator == ","))  # fmt: skip
     if not heads and layout.least != len(unnamed):
         raise ValueError(f"{layout.least} columns must have names (known: {allowed}), got none")
-    meanings = [_meaning(head, wanted) or ("", "") for head in heads] or [(name, "") for name in unnamed]
+    meanings = [meaning_of(head, wanted) for head in heads] or [Meaning(name) for name in unnamed]
     sources: _Sources = {}
     for name, column in wanted.items():
-        meant = [(place, meaning[1]) for place, meaning in enumerate(meanings) if meaning[0] == name]
-        same = [each for each in meant if heads and _plain(heads[each[0]]) == name.replace("_", " ")]
-        if len(meant) > 1 and len(same) != 1:
-            raise ValueError(f"{name} must be one column, got {', '.join(shown(heads[place]) for place, _ in meant)}")
-        for place, unit in (same or meant)[:1]:
+        meant = {place: meaning for place, meaning in enumerate(meanings) if meaning.name == name}
+        plain = [place for place, meaning in meant.items() if not meaning.statistic]
+        exact = [place for place in plain if meant[place].exact]
+        chosen = exact if len(exact) == 1 else plain
+        if meant and len(chosen) != 1:
+            note = "" if plain else ": a unit such as min must be in brackets, and a statistic is not read"
+            raise ValueError(f"{name} must be one column, got {_listed(heads[place] for place in meant)}{note}")
+        for place in chosen:
             head = heads[place] if heads else ""
-            unit = unit or ("".join(units[place : place + 1])).strip("-[](){}<> ")
-            scale = _scale(column.unit, unit) if unit else None
+            unit = meant[place].unit or ("".join(units[place : place + 1])).strip("-[](){}<> ")
+            scale = scale_of(column.unit, unit) if unit else None
             if (unit and scale is None) or (column.needs_unit and not unit):
                 units_allowed = ", ".join(SCALES[column.unit])
                 raise ValueError(f"{name}, {shown(head)}: unit must be one of {units_allowed}, got {shown(unit)}")
             sources[name] = place, scale
     if unnamed[0] not in sources or len(sources) < 2:
-        raise ValueError(f"it must have {unnamed[0]} and one more of {allowed}, got {', '.join(map(shown, heads))}")
+        raise ValueError(f"it must have {unnamed[0]} and one more of {allowed}, got {_listed(heads)}")
     return sources, heads or [""] * layout.least
+
+
+def _listed(names: Iterable[str]) -> str:
+    return ", ".join(shown(name) for name in islice(names, MOST_NAMED))
 
 
 def _names(
@@ -205,10 +239,13 @@ def _names(
     for k in reversed(range(layout.first)):
         line = re.sub(rf"^(\s|{'|'.join(COMMENTS)})+", "", lines[k])
         for heads in _heads(line, layout):
-            if any(_meaning(head, wanted) for head in heads):
+            named = [bool(meaning_of(head, wanted).name) for head in heads]
+            if len(heads) > layout.most and (sum(named) < 2 or any(named[layout.most :])):
+                continue  # more names than values, as in LabVIEW's files, but not of these values
+            if any(named):
                 return heads, units, between
             bare = [head.strip("-[](){}<> ") for head in heads]
-            are_units = all(any(_scale(unit, head) for unit in SCALES) for head in bare if head)
+            are_units = all(any(scale_of(unit, head) for unit in SCALES) for head in bare if head)
             if not between and not units and any(heads) and are_units:
                 units = heads
                 break
@@ -220,29 +257,8 @@ def _names(
 def _heads(line: str, layout: _Layout) -> Iterator[list[str]]:
     rows = [_split(line, separator) for separator in (layout.separator, *SEPARATORS) if separator]
     rows += [re.split(pattern, line.strip()) for pattern in (r"\s{2,}", r"\s+(?![\[({</])")]
-    for row in rows:
+    for place, row in enumerate(rows):
         while row and not row[-1]:
             row.pop()
-        if layout.least <= len(row) <= layout.most:
+        if layout.least <= len(row) and (len(row) <= layout.most or place == 0 or layout.separator is None):
             yield row
-
-
-def _plain(name: str) -> str:
-    return re.sub(r"[\W_]+", " ", name).strip().lower()
-
-
-def _meaning(head: str, wanted: Mapping[str, Column]) -> tuple[str, str] | None:
-    """Return the wanted column that a header names, and the header's unit or ""; None: the header is unknown."""
-    for form in UNIT_FORMS:
-        if parts := re.fullmatch(form, head):
-            name = next((name for name in wanted if re.fullmatch(wanted[name].names, _plain(parts[1]))), None)
-            if name and (form in IN_BRACKETS or not parts[2] or _scale(wanted[name].unit, parts[2])):
-                return name, parts[2]
-    return None
-
-
-def _scale(unit: str, written: str) -> float | None:
-    """Return the factor from a `written` unit to the SI `unit`; None if the written unit is unknown."""
-    short = re.sub(r"[\s*\u00b7.]", "", written).replace("\u00b2", "2").replace("\u207b", "-").replace("\u00b9", "1")
-    short = re.sub(r"(?<=s)\^?(-?\d)$", r"^\1", short)
-    return SCALES[unit].get(short if short[:1] == "M" and len(short) < 4 else short.lower())

@@ -70,7 +70,9 @@ def record_from(name: str, value: Any, allowed: tuple[type[Any], ...]) -> Any:
         if isinstance(chosen, str) and chosen in kinds:
             for field in given:
                 if field not in named[chosen]:
-                    raise WrongTypeError(f"{name} has no field {field!r}; the fields of a {chosen} are {named[chosen]}")
+                    raise WrongTypeError(
+                        f"{name} has no field {shown(field)}; the fields of a {chosen} are {named[chosen]}"
+                    )
             needed = [field.name for field in fields(kinds[chosen]) if field.default is MISSING]
             if absent := [field for field in needed if field not in given]:
                 raise WrongTypeError(f"{name}, a {chosen}, needs the fields {absent} too")

@@ -5,6 +5,7 @@ import errno
 import fcntl
 import io
 import os
+import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -15,6 +16,9 @@ from impact_gym.support.validation import nearest, one_of, shown
 Content = TypeVar("Content")
 
 
+NO_FILE = "a folder, a device, a pipe or a loop of links"
+
+
 def named_file(kind: str, name: Any, shipped: Path, suffix: str, *inside: str) -> Path:
     """Return the path of the file that `name` means.
 
@@ -22,13 +26,16 @@ def named_file(kind: str, name: Any, shipped: Path, suffix: str, *inside: str) -
 
     Raises:
         TypeError: `name` is neither a string nor a path.
-        ValueError: there is no such file; the message names a similar shipped file, or all shipped files.
+        ValueError: there is no such file, and the message names a similar shipped file, or all shipped files; or it is
+            a pipe, a device, a loop of links, or a folder without such a file.
     """
     one_of(kind, name, str, os.PathLike)
     for path in (shipped / f"{name}{suffix}", Path(name), *(Path(name) / file for file in inside)):
         with suppress(OSError):  # the name can be too long for a file name
             if path.is_file():
                 return path
+    if os.path.lexists(name):
+        raise ValueError(f"{kind} {shown(str(name))} must be a name or a file, but it is {NO_FILE}")
     known = (path.stem for path in shipped.glob(f"*{suffix}"))
     raise ValueError(f"{nearest(kind, str(name), known)} (there is no such file either)")
 
@@ -48,15 +55,21 @@ def parsed(
             refuses it. The message names the file and its `kind`.
     """
     try:
-        if path.exists() and not path.is_file():
-            raise ValueError("it is no regular file")
-        with path.open("rb") as file:
-            content = file.read(LARGEST + 1)
-        if len(content) > LARGEST:
-            raise ValueError(f"it must have at most {LARGEST:,} bytes")
+        content = whole_content(path)
         return parse(decode(content) if decode else io.TextIOWrapper(io.BytesIO(content), "utf-8-sig").read())
     except (OSError, ValueError, TypeError, AttributeError, LookupError, RecursionError, csv.Error) as error:
         raise ValueError(f"{path} cannot be read as {kind}: {reason(error)}") from error
+
+
+def whole_content(path: Path) -> bytes:
+    """Return the bytes of a file. ValueError: it is no regular file, or is larger than `LARGEST`."""
+    if path.exists() and not path.is_file():
+        raise ValueError("it is no regular file")
+    with path.open("rb") as file:
+        content = file.read(LARGEST + 1)
+    if len(content) > LARGEST:
+        raise ValueError(f"it must have at most {LARGEST:,} bytes")
+    return content
 
 
 def reason(error: Exception) -> str:
@@ -100,8 +113,7 @@ def whole_file(path: Path) -> Iterator[IO[bytes]]:
     """
     name, path = path, Path(os.path.realpath(path))
     if path.is_symlink() or (path.exists() and not path.is_file()):  # if links form a loop, `realpath` returns a link
-        what = "a folder, a device, a pipe or a loop of links"
-        raise OSError(f"{name} must be a file or not exist yet, but it is {what}: nothing is written")
+        raise OSError(f"{name} must be a file or not exist yet, but it is {NO_FILE}: nothing is written")
     unfinished = path.with_name(f".{path.name}.{os.getpid()}{UNFINISHED}")
     with writing(str(name)):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -136,6 +148,18 @@ def locked(path: Path, wait: bool = True) -> Iterator[None]:
         for unfinished in path.parent.rglob(f".*{UNFINISHED}"):
             unfinished.unlink(missing_ok=True)
         yield
+
+
+def remove_unfinished(folder: Path) -> None:
+    """Remove files and folders in `folder` named .NAME.PROCESS.unfinished whose process on this machine has ended."""
+    for unfinished in folder.glob(f".*{UNFINISHED}"):
+        number = unfinished.name.removesuffix(UNFINISHED).rpartition(".")[2]
+        try:
+            os.kill(int(number), 0)  # sends nothing
+        except (ProcessLookupError, ValueError, OverflowError):
+            shutil.rmtree(unfinished) if unfinished.is_dir() else unfinished.unlink(missing_ok=True)
+        except PermissionError:  # another user's process
+            continue
 
 
 def write_file(path: Path, content: str | bytes) -> Path:

@@ -59,7 +59,7 @@ def reset_options(options: Any, tasks: Sequence[Task], slots: int | None = None)
         one_of(f"options[{option!r}]", values := given.pop(option, {}), Mapping)
         for name, value in values.items():
             if name not in known:
-                raise ValueError(f"options[{option!r}] has no field {name!r}; its fields are {list(known)}")
+                raise ValueError(f"options[{option!r}] has no field {shown(name)}; its fields are {list(known)}")
             if name in fixed:
                 raise ValueError(f"options give {name!r} twice: leave it out of 'record' or of 'scenario'")
             fixed[name] = _checked(f"options[{option!r}][{name!r}]", name, value, tasks, slots)
@@ -67,7 +67,9 @@ def reset_options(options: Any, tasks: Sequence[Task], slots: int | None = None)
                 for distance, task in zip(np.resize(fixed[name], slots or 1), cycle(tasks), strict=False):
                     task.check_distance(float(distance), f"options[{option!r}][{name!r}]")
     for name in given:
-        raise ValueError(f"unknown option {name!r}; allowed are 'scenario', 'record' and, in a batch, 'reset_mask'")
+        raise ValueError(
+            f"unknown option {shown(name)}; allowed are 'scenario', 'record' and, in a batch, 'reset_mask'"
+        )
     return records_with(slots or 1, fixed)
 
 

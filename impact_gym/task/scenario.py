@@ -37,7 +37,7 @@ class ScenarioRanges:
         if isinstance(value, Mapping):
             for name in value:
                 if name not in FIELDS:
-                    raise ValueError(f"scenario has no field {name!r}; its fields are {list(FIELDS)}")
+                    raise ValueError(f"scenario has no field {shown(name)}; its fields are {list(FIELDS)}")
             return cls(**value)
         raise WrongTypeError(f"scenario must be a ScenarioRanges, a mapping or a name, got {shown(value)}")
 

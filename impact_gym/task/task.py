@@ -129,7 +129,8 @@ class Task:
         if self.operator is not None:
             for way in WAYS:
                 self._put(way, getattr(self, way) or Channel())
-            link = Link(self.operator, self.uplink, self.downlink, self.drawn)
+            uplink, downlink = (getattr(self, way).within(self.horizon, way) for way in WAYS)
+            link = Link(self.operator, uplink, downlink, self.drawn)
             link.check(self.velocity_range, self.friction, self.horizon, self.control_period)
             self._put("link", link)
         self._check_reach()
@@ -140,7 +141,9 @@ class Task:
         one_of(field, given, Mapping)
         if unknown := [name for name in given if name not in ARGUMENTS]:
             allowed = ", ".join([*others, *ARGUMENTS])
-            raise WrongTypeError(f"{field}: unknown argument {shown(unknown[0])}; allowed are {allowed}")
+            raise WrongTypeError(
+                f"{field} got an unexpected keyword argument {shown(unknown[0])}; allowed are {allowed}"
+            )
         return cls(**given)
 
     def arguments(self) -> dict[str, Any]:

@@ -1,7 +1,8 @@
 """Channels between an operator and an arm, with random or recorded delays and losses."""
 
+import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +11,14 @@ from numpy.typing import NDArray
 
 from impact_gym.kernels import LONGEST_JITTER
 from impact_gym.parameters import Parameters
-from impact_gym.support.csv_files import Column, read_columns
+from impact_gym.support.column_names import Column, unit_hint
+from impact_gym.support.csv_files import read_columns
 from impact_gym.support.validation import numbers, rising, shown
 
 WAYS = ("uplink", "downlink")
 CUT = float(LONGEST_JITTER)  # the random part of a delay is at most this multiple of its mean
 LOST = 1e6  # s, delay of a lost packet: longer than any episode
+LEAST_USUAL = 1e-4  # s; questions about units assume longer delays, and longer times between packets
 USUAL_DELAY = 1.0  # s; a trace file with a median delay of at least this must state the unit
 TRACE_COLUMNS = {
     "time": Column("s", r"((rel|relative|elapsed|send|sent) )?(time ?stamp|time|at)s?|t|sent"),
@@ -31,7 +34,8 @@ class Channel(Parameters, path="uplink"):
     distributed random time, at most twelve times its mean. The mean is `tail` for the fraction `tail_share` of the
     packets, and `jitter` for the others. A `trace` (rows of time and delay in s, or a CSV file of such rows) gives the
     delays instead. The trace repeats, and each episode begins at a random time in it. A packet is lost if the row
-    nearest in time has the delay `LOST`. `loss` adds losses, in bursts (Gilbert 1960, Bell Syst. Tech. J. 39).
+    nearest in time has the delay `LOST`, or in a task a delay of at least the horizon. `loss` adds losses, in bursts
+    (Gilbert 1960, Bell Syst. Tech. J. 39).
     """
 
     delay: float = 0.0  # s
@@ -57,6 +61,20 @@ class Channel(Parameters, path="uplink"):
                     raise ValueError(f"Channel.{name} must be 0 with a trace, which gives all delays, got {value!r}")
         if self.loss > (most := self.burst / (1.0 + self.burst)):
             raise ValueError(f"Channel.loss must be at most {most:g} for burst = {self.burst:g}, got {self.loss!r}")
+
+    def within(self, horizon: float, way: str) -> "Channel":
+        """Return the channel `way` in which packets with a delay of at least `horizon` (s) are lost; warn of them."""
+        late = np.array(self.delays) >= horizon
+        if not late.any():
+            return self
+        if 2 * late.sum() >= len(late):
+            least, most = min(self.delays), max(self.delays)
+            raise ValueError(f"{way}.trace must have more than half of its delays below the horizon, {horizon:g} s, "
+                             f"got {least:g} to {most:g} s (rows and files that name no unit, such as ms, are in s)"
+                             )  # fmt: skip
+        warnings.warn(f"{way}.trace: {late.sum()} of {len(late)} packets have delays of at least the horizon, "
+                      f"{horizon:g} s, and count as lost", stacklevel=5)  # fmt: skip
+        return replace(self, trace=[(time, LOST if delay >= horizon else delay) for time, delay in self.trace])
 
     @property
     def delays(self) -> tuple[float, ...]:
@@ -100,8 +118,9 @@ def columns_of(trace: Any) -> list[list[float]]:
             time, delay = columns["time"], columns["delay"]
             delay = np.where(np.isnan(delay) | (delay == np.inf), LOST, delay)
             arrived = delay[delay < LOST]
-            if " without a unit" in said and len(arrived) and np.median(arrived) >= USUAL_DELAY:
-                raise ValueError(f"its delays are {np.median(arrived):g} s in the median: are they in ms? "
+            if "without a unit" in said and len(arrived) and (usual := float(np.median(arrived))) >= USUAL_DELAY:
+                hint = unit_hint(usual, USUAL_DELAY, LEAST_USUAL) or "."
+                raise ValueError(f"its delay is {usual:g} s in the median{hint} "
                                  "Write both units into the header, such as time (s), delay (s)")  # fmt: skip
             return [(time - time[0]).tolist(), delay.tolist()]
         rows = np.asarray(trace, np.float64).T

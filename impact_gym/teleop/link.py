@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_gym.kernels import LONGEST_JITTER, WITHDRAWAL_FADE
+from impact_gym.support.column_names import unit_hint
 from impact_gym.support.validation import Range
-from impact_gym.teleop.channels import LOST, WAYS, Channel
+from impact_gym.teleop.channels import LEAST_USUAL, LOST, WAYS, Channel
 from impact_gym.teleop.operators import KINDS, Operator, Replay
 
 # limits of the median time between a trace's packets, in control periods and in s; the longer limit applies
@@ -58,14 +59,14 @@ class Link(NamedTuple):
         channel: Channel = getattr(self, way)
         delay, jitter, tail = (self.ends(way, name)[1] for name in ("delay", "jitter", "tail"))
         mean = delay + max(jitter + share * (tail - jitter) for share in self.ends(way, "tail_share"))
-        late, note = max(mean, *channel.delays, 0.0), " with the mean jitter" if mean > delay else ""
-        of, note = ("trace", ": is it in ms?") if channel.trace else ("delay", note)
-        if late >= horizon:
-            raise ValueError(f"{way}.{of} must be below the horizon, {horizon:g} s, got {late:g} s{note}")
+        note = " with the mean jitter" if mean > delay else ""
+        if mean >= horizon:
+            raise ValueError(f"{way}.delay must be below the horizon, {horizon:g} s, got {mean:g} s{note}")
         apart = float(np.median(np.diff([time for time, _ in channel.trace]))) if channel.trace else 0.0
         if apart > (most := max(LONGEST_SPACING * control_period, SLOWEST_PING)):
             raise ValueError(f"{way}.trace must have packets at most {most:g} s apart, in the median, with a control "
-                             f"period of {control_period:g} s, got {apart:g} s: is it in ms?")  # fmt: skip
+                             f"period of {control_period:g} s, got {apart:g} s"
+                             + unit_hint(apart, most, LEAST_USUAL))  # fmt: skip
 
     def to_kernel(self, record: NDArray[Any], begin: int) -> list[NDArray[np.float64]]:
         """Return the tables of operator and channels; write the operator's kind and a `Table` for each into `record`.

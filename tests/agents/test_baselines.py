@@ -2,6 +2,8 @@
 
 import hashlib
 import json
+import math
+import os
 
 import gymnasium as gym
 import numpy as np
@@ -108,12 +110,26 @@ def test_missing_or_changed_tuned_file_is_refused_with_a_remedy(tmp_path):
     path = write_tuned("ranged", {"2": parameters_of(Ranged, 1)}, load_setup("linear-ranged"), tmp_path)
     good = json.loads(path.read_text())
     checksum = good.pop("sha256")
-    other = good | {"environment": {"range_noise": 0.02}}
-    right = hashlib.sha256(json.dumps(other, sort_keys=True).encode()).hexdigest()
-    for content, words in (({}, "damaged"), (other | {"sha256": checksum}, "was altered"),
-                           (other | {"sha256": right}, "the environment in")):  # fmt: skip
-        path.write_text(json.dumps(content))
+    (tmp_path / "a.csv").write_text("0,0.1\n1,0.1\n")
+    traced = {"operator": {"type": "Person"}, "uplink": {"trace": f"{tmp_path}/a.csv"}, "friction": 0.3}
+    given = good["weights"]["2"]["parameters"]
+    first, *others = given
+    parameters = [given | {first: "0.1"}, given | {first: math.nan}, {name: given[name] for name in others}, 3]
+    for content, words in (
+        ({}, "damaged"), ([], "damaged"), (good | {"sha256": checksum, "rule": "Ranged "}, "was altered"),
+        (good | {"environment": {"range_noise": 0.02}}, "the environment in"), (good | {"rule": [1]}, "the rule in"),
+        (good | {"environment": traced}, "uplink.trace must be rows of time and delay in s"),
+        *((good | {"weights": {key: {"parameters": given}}}, words)
+          for key, words in (("nan", "got nan"), ("-1", "got -1"), ("inf", "got inf"), ("two", "'two'"))),
+        *((good | {"weights": {"2": {"parameters": values}}}, "damaged") for values in parameters),
+        (good | {"weights": {"2": {}}}, "has no 'parameters'"), (good | {"weights": [2]}, "damaged"),
+    ):  # fmt: skip
+        right = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+        path.write_text(json.dumps({"sha256": right} | content if content else content))
         refused(lambda: load_baseline(str(path)), words, again)
+    path.unlink()
+    os.mkfifo(path)
+    refused(lambda: load_baseline(str(path)), "was not tuned", "is a folder, a device, a pipe or a loop", again)
 
 
 @pytest.mark.parametrize("name", shipped_baselines())

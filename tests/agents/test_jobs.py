@@ -19,7 +19,7 @@ from episode_runs import assert_identical
 from agents import jobs
 from agents.jobs import Call, JobsFailedError, cached
 from impact_gym.support.command_line import command_line
-from impact_gym.support.files import DiskFullError
+from impact_gym.support.files import UNFINISHED, DiskFullError
 
 ROOT = Path(__file__).parents[2]
 
@@ -166,7 +166,18 @@ def test_full_disk_ends_the_command_and_keeps_whole_results(log, tmp_path, monke
     monkeypatch.setattr(os, "fsync", no_room)
     with pytest.raises(DiskFullError, match=r"no room to write .*pkl: No space left on device"):
         cached(numbers, listed(log), tmp_path, processes=0)
+    assert {path.suffix for path in tmp_path.iterdir()} == {".pkl", ""}  # and the log: nothing unfinished
     assert len([*tmp_path.glob("*.pkl")]) == 1
+
+
+def test_parts_that_killed_processes_left_are_removed(log, tmp_path):
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    left, others = (tmp_path / f".a.pkl.{number}{UNFINISHED}" for number in (ended.pid, os.getppid()))
+    left.touch()
+    others.touch()  # under way
+    cached(numbers, listed(log, 1), tmp_path, processes=0)
+    assert (left.exists(), others.exists()) == (False, True)
 
 
 def test_key_of_a_result_has_function_arguments_and_depends(log, tmp_path):

@@ -118,6 +118,11 @@ def test_set_up_extends_another_key_by_key(tmp_path):
     assert mine.training == replace(shipped_one.training, steps=5_000_000)
     assert mine.evaluation.varied == Evaluation.of_table({}, mine.environment).varied  # for the user's arm
     assert (mine.title, mine.about, [*mine.tuned]) == ("Mine", "Mine", ["mine-profile"])
+    base = {"extends": "teleop-spring", "environment": {"uplink": {"trace": "a.csv"}}}
+    (tmp_path / "arm.toml").write_text(tomli_w.dumps(base))  # files edited in one process
+    for delay in (0.25, 0.75):
+        (tmp_path / "a.csv").write_text(f"0,{delay}\n1,{delay}\n")
+        assert load_setup(tmp_path / "mine.toml").task.uplink.delays == (delay, delay)
     (tmp_path / "arm.toml").write_text('extends = "mine.toml"')
     refused(lambda: load_setup(tmp_path / "arm.toml"), "extends must", "got 'arm.toml'")
 

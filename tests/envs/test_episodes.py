@@ -19,6 +19,7 @@ from agents.baselines import ConstantSpeed, PaperTrapezoid
 from agents.evaluate.scenario_batch import ScenarioBatch
 from impact_gym.envs.infos import SLIDE
 from impact_gym.envs.single import ImpactApproachEnv
+from impact_gym.envs.vector import ImpactApproachVectorEnv
 from impact_gym.sb3 import ImpactVecEnv
 from impact_gym.task import Task, evaluation_sets
 from impact_gym.task.episodes import RECORD_IDS
@@ -126,9 +127,30 @@ def test_altered_state_is_refused_by_name_and_changes_nothing():
     assert_identical(envs.get_state(), good)
 
 
+@pytest.mark.parametrize("other", [
+    {"time_weight": 3.0}, {"reaction_delay": 0.03}, {"scenario": "hard"}, {"scenario": {"distance": 0.3}},
+    {"tool_mass": (0.1, 0.2)}, {"coupling": {"type": "SpringDamper", "stiffness": (40.0, 60.0)}}, {"horizon": 1.3},
+    {"rtol": 1e-7}, {"missed_cost": 3.0}, {"time_weight": (2.0, 2.1)}, {"per_slot": [{}, {"time_weight": 3.0}]},
+], ids=str)  # fmt: skip
+def test_state_of_another_task_is_refused(other):
+    envs, others = ImpactApproachVectorEnv(2), ImpactApproachVectorEnv(2, **other)
+    for each in (envs, others):
+        each.reset(seed=3)
+    for one, two in ((envs, others), (others, envs)):
+        with pytest.raises(ValueError, match="of a state must"):
+            one.set_state(two.get_state())
+    for nothing in (None, [], {}, envs.batch.get_state()):
+        with pytest.raises(ValueError, match="state"):
+            envs.set_state(nothing)
+    envs.set_scenario({"distance": 0.4})  # is part of a state, not of the task
+    (twin := ImpactApproachVectorEnv(2)).set_state(envs.get_state())
+    twin.reset()
+    assert twin.episode_info()["scenario"]["distance"].tolist() == [0.4, 0.4]
+
+
 def test_calls_before_a_reset_and_after_the_end_are_refused():
     env, action = ImpactApproachEnv(), np.zeros(2, np.float32)
-    for call in (partial(env.step, action), env.sensors, env.episode_info):
+    for call in (partial(env.step, action), env.sensors, env.episode_info, ImpactApproachVectorEnv(2).episode_info):
         with pytest.raises(gym.error.ResetNeeded, match="reset"):
             call()
     assert len([*steps(env, PaperTrapezoid())]) > 10

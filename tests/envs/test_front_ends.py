@@ -187,6 +187,33 @@ def test_mo_gymnasium_weighs_the_rewards_to_the_scalar_one():
         assert reward == pytest.approx(info["original_reward"])
 
 
+def test_attributes_and_methods_of_slots_are_those_of_a_loop():
+    rows = [{"tool_mass": 0.1}, {"tool_mass": (0.1, 0.2)}, {"time_weight": 3.0}]
+    envs, loop = (make("NextStep", rows) for make in (made, loop_of))
+    for each in (envs, loop):
+        each.reset(seed=4)
+        each.call("set_scenario", {"distance": (0.2, 0.21)})
+        each.set_attr("level", [1, 2, 3])
+        each.set_attr("note", "all")
+    for action in action_table(4, 120, 3):
+        for each in (envs, loop):
+            each.step(action)
+        for name in ("episode_info", "sensors", "episode_state"):
+            assert_identical(envs.call(name), loop.call(name))
+    for name in ("task", "render_mode", "observation_space", "action_space", "level", "note", "np_random_seed"):
+        assert envs.get_attr(name) == loop.get_attr(name)
+    states = [[generator.random() for generator in each.get_attr("np_random")] for each in (envs, loop)]
+    assert states[0] == states[1]
+    for each in (envs, loop):
+        with pytest.raises(ValueError, match="3"):
+            each.set_attr("level", [1, 2])
+        with pytest.raises(AttributeError):
+            each.get_attr("nothing")
+    for call in (partial(envs.call, "reset"), partial(envs.set_attr, "task", 1)):
+        with pytest.raises(ValueError, match="must name an attribute"):
+            call()
+
+
 def test_seeds_and_reset_mask_affect_only_their_slots():
     envs, loop = (make("Disabled", [{}] * 3) for make in (made, loop_of))
     assert_identical(envs.reset(seed=[30, 8, 30])[0], loop.reset(seed=[30, 8, 30])[0])

@@ -1,7 +1,9 @@
 """The command `impact-gym`: its names, commands as text, and the way from a set-up to its controller."""
 
+import os
 import re
 import shlex
+import subprocess
 import sys
 import warnings
 from errno import ENOSPC
@@ -60,6 +62,16 @@ def test_commands_are_listed_for_no_or_an_unknown_name(exit_of, capsys):
         assert ("'reprot': did you mean report?" in text) == (status == 2)
     assert exit_of("--version") == 0
     assert {f"impact-gym {version('impact-gym')}", f"numpy {np.__version__}"} <= {*capsys.readouterr().out.splitlines()}
+
+
+@pytest.mark.parametrize("words", ["--help", "check --help", "check linear-blind", "policies"])
+def test_command_ends_quietly_with_its_reader(words):
+    reader, writer = os.pipe()
+    os.close(reader)
+    line = [sys.executable, "-m", "experiments.command", *words.split()]
+    with os.fdopen(writer, "wb") as closed:
+        ended = subprocess.run(line, stdout=closed, stderr=subprocess.PIPE, cwd=Path(__file__).parents[2], check=False)
+    assert (ended.returncode, ended.stderr) == (command.READER_ENDED, b"")
 
 
 def test_study_lists_studies_and_refuses_unknown_names(exit_of, capsys, tmp_path, monkeypatch):

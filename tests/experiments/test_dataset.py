@@ -17,6 +17,7 @@ from agents.baselines import PaperTrapezoid
 from agents.policies import load_policy
 from agents.setups import load_baseline, load_setup
 from experiments.play import attempts
+from impact_gym.support.files import UNFINISHED
 from impact_gym.support.sources import compiled_from
 
 minari = pytest.importorskip("minari")
@@ -75,7 +76,7 @@ def test_episodes_are_those_of_the_environment_in_order(capsys, monkeypatch):
             assert -sum(rewards) == pytest.approx(loss, rel=1e-12)
             returns, steps = [*returns, episode.rewards.sum()], steps + len(episode.rewards)
         assert line == f"{name}: {COUNT} episodes, {steps} steps, mean return {np.mean(returns):.4f} m/s"
-        about = dataset.MinariStorage.read_raw_metadata(dataset.get_dataset_path(name) / "data")
+        about = json.loads((dataset.get_dataset_path(name) / "data" / "metadata.json").read_text())
         assert [about[key] for key in ("total_steps", "algorithm_name", "solver")] == [steps, who, compiled_from()]
     monkeypatch.setattr(sys, "argv", ["", "impact/linear-blind/profile-v0"])
     runpy.run_path(str(EXAMPLE))
@@ -90,10 +91,12 @@ def test_failed_write_leaves_nothing_and_none_is_replaced(rule, root):
         yield dataset.recorded(setup.make(), 1, {}, dataset.players("rule", setup))
         raise KeyboardInterrupt
 
+    (left := root / f".a.{10**9}{UNFINISHED}" / "a").mkdir(parents=True)  # by a killed process
     options = dataset.DatasetOptions("linear-blind"), "rule", ""
     with pytest.raises(KeyboardInterrupt):
         dataset.write("impact/linear-blind/rule-v1", setup.make(), stopped(), *options)
     assert [*minari.list_local_datasets()] == [NAME]
+    assert not left.parent.exists()
     assert [*root.rglob("*.hdf5")] == [rule / "main_data.hdf5"]
 
 
@@ -116,6 +119,33 @@ HOSTILE = {  # the named field, and a hostile value in a dataset's metadata
     "id must be one of ImpactApproach-v0": {"id": "subprocess:Evil-v0"},
     "uplink.trace": {"kwargs": {"uplink": {"trace": "trace.csv"}}},
 }
+
+
+SPOILED = {  # words of the refusal, and what changed metadata or data
+    "it has 5 episodes, but its metadata say 1000000000": lambda about, _: about.update(total_episodes=10**9),
+    "total_episodes must be a whole number of at least 1, got -1": lambda about, _: about.update(total_episodes=-1),
+    "it has no 'total_episodes'": lambda about, _: about.pop("total_episodes"),
+    "its data must be in HDF5": lambda about, _: about.update(data_format="arrow"),
+    "its observation_space is not": lambda about, _: about.update(observation_space=about["action_space"]),
+    "it has 4 episodes, but its metadata say 5": lambda _, data: data.pop("episode_4"),
+    "'episode_1/a' is a link": lambda _, data: data["episode_1"].update({"a": h5py.SoftLink("/episode_0")}),
+    "'episode_2/a' is a link": lambda _, data: data["episode_2"].update({"a": h5py.ExternalLink("a.hdf5", "/a")}),
+    "but the file only": lambda _, data: data.create_dataset("episode_1/a", (10**12,), "f8", chunks=(1000,)),
+    "stored in other files": lambda _, data: data.create_dataset("episode_1/a", (3,), "f8", external="a.bin"),
+    "episode 1 cannot be replayed": lambda _, data: data["episode_1"].attrs.update({"options": "text"}),
+    "episode 2 cannot be replayed": lambda _, data: data["episode_2"].attrs.update({"seed": "text"}),
+    "episode 3 cannot be replayed (it has too few": lambda _, data: data["episode_3/actions"].resize(3, 0),
+    "actions of episode 4 differ": lambda _, data: data["episode_4/actions"].resize(999, 0),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("words", SPOILED)
+def test_check_refuses_a_spoiled_dataset_in_one_line(rule, words):
+    about = json.loads((rule / "metadata.json").read_text())
+    with h5py.File(rule / "main_data.hdf5", "a") as data:
+        SPOILED[words](about, data)
+    (rule / "metadata.json").write_text(json.dumps(about))
+    refused(lambda: dataset.check(NAME), NAME, words)
 
 
 @pytest.mark.parametrize("field", HOSTILE)

@@ -14,7 +14,8 @@ import impact_gym as ig
 from impact_gym.identification.log import Log, read
 from impact_gym.identification.model import Model, free_coordinates
 from impact_gym.identification.result import _words, misfits
-from impact_gym.support.csv_files import SCALES, Column, read_columns
+from impact_gym.support.column_names import SCALES, Column
+from impact_gym.support.csv_files import read_columns
 
 STAMPS, PUSHES = np.arange(20) / 51200, 12.0 * np.sin(np.arange(20))  # s, N
 INCH, FALL, POUND = 0.0254, 9.80665, 0.45359237  # m, m/s^2, kg, by definition
@@ -60,6 +61,11 @@ FILES = {
     "preamble": table("Recorder 3.2\nRate,51200\nDate: 2024-01-01 12:00\n\ntime,force\n"),
     "second header line": table("Time,Force\n[ms],[mN]\n", ",", ".", "", 1e-3, 1e-3),
     "extra columns": table("time,force,note,temp\n", end=",ok,21.5"),
+    "more names than values": table("X_Value\tForce\tComment\n", "\t"),
+    "more names, in a comment": table("# time,force,comment\n"),
+    "other forces": table("time [s],force [N],forcex [N]\n", end=",7"),
+    "other forces behind": table("time_ms,force_kN,force_x_N\n", of_time=1e-3, of_force=1e3, end=",7"),
+    "statistics": table("time,load,load_min,load_max,load_95%\n", end=",7,8,9"),
     "Latin-1": table("time (\u00b5s);force (N);St\u00f6\u00dfe\n", ";", of_time=1e-6, end=";1").encode("latin-1"),
     "byte order mark": table("time,force\n").encode("utf-8-sig"), "UTF-16": table("time,force\n").encode("utf-16"),
 }  # fmt: skip
@@ -74,6 +80,31 @@ def test_file_of_a_recorder_is_read_in_seconds_and_newtons(name, tmp_path):
     assert log.columns["force"] == pytest.approx(PUSHES, rel=1e-8)
     assert log.said.startswith("read 20 samples at 51.2 kHz from ")
     assert ("not used: 'note', 'temp'" in log.said) == (name == "extra columns")
+
+
+@pytest.mark.parametrize(("stamps", "seconds"), [
+    ("23:59:58.5 23:59:59 23:59:59.000000001", [0.0, 0.5, 0.500000001]),
+    ("9:05:07 9:05:08,25 10:05:07", [0.0, 1.25, 3600]),
+    ("2024/02/28T23:59:59.5Z 2024/02/29T00:00:00Z 2024-03-01T00:00:00Z", [0.0, 0.5, 86400.5]),
+    ("2024-03-31T01:59:59+01:00 2024-03-31T03:00:00.5+02:00 2024-03-31T03:00:00.75+0200", [0.0, 1.5, 1.75]),
+])  # fmt: skip
+def test_dates_and_clock_times_become_seconds_since_the_first(stamps, seconds, tmp_path):
+    (tmp_path / "a.csv").write_text("time;force\n" + "\n".join(f"{stamp};1" for stamp in stamps.split()))
+    columns, said = read_columns(
+        tmp_path / "a.csv", {"time": Column("s", "time"), "force": Column("N", "force")}, ("time", "force")
+    )
+    assert columns["time"] == pytest.approx(seconds, rel=1e-12)
+    assert "time (s) from 'time' as dates or times" in said
+
+
+@pytest.mark.parametrize("gap", ["", "nan", "NaN", "NA", "-", "null", '"nan"', " * "])
+def test_line_without_a_value_counts_as_a_lost_sample(gap, tmp_path):
+    lines = table("time,force\n").splitlines()
+    without = [line if k not in (1, 9) else f"{line.split(',')[0]},{gap}" for k, line in enumerate(lines)]
+    (tmp_path / "log.csv").write_text("\n".join(without))
+    log = read(tmp_path / "log.csv", "")
+    assert log.columns["force"] == pytest.approx(np.delete(PUSHES, [0, 8]))
+    assert log.said.endswith("lines left out, as they lack a value: 2; 1 sample lost")
 
 
 def test_lost_samples_count_for_the_rate(tmp_path):
