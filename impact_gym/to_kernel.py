@@ -18,10 +18,6 @@ from impact_gym.scene import Robot, RobotTable, Scene
 Numbers = NDArray[np.float64]
 
 NO_TABLE: Numbers = np.zeros(1)
-COUPLING_NUMBERS, ROBOT_NUMBERS = (
-    dict.fromkeys(kernels.MOUNT[part].names or (), 0.0) for part in ("coupling", "robot")
-)
-"""Numbers of compiled records by name, in the order of the record, for a part that has none of them."""
 
 
 def _codes(record: np.dtype[Any]) -> str:
@@ -29,7 +25,7 @@ def _codes(record: np.dtype[Any]) -> str:
     return "".join(_codes(field) if field.names else "dq"[field.kind == "i"] for field in fields)
 
 
-_RUN_PLAN = struct.Struct(_codes(kernels.RUN_PLAN))
+_RUN_PLAN, _MOUNT = (struct.Struct(_codes(record)) for record in (kernels.RUN_PLAN, kernels.MOUNT))
 
 
 def indices(kind: np.dtype[Any], before: int = 0) -> dict[str, int]:
@@ -41,6 +37,22 @@ def indices(kind: np.dtype[Any], before: int = 0) -> dict[str, int]:
             {f"{name}.{rest}": index for rest, index in indices(inner, at).items()} if inner.names else {name: at}
         )
     return by_name
+
+
+RUN_PLAN_NUMBERS = {name.removeprefix("mount."): 0 for name in indices(kernels.RUN_PLAN)}
+MOUNT_NUMBERS = dict.fromkeys(indices(kernels.MOUNT), 0)
+"""Zeros for the numbers of a compiled record, by dotted path, in the order of the record."""
+
+
+def filled(record: dict[str, int], given: dict[str, Any]) -> tuple[Any, ...]:
+    """Return the numbers of a compiled record in its order, 0 for those not given; ValueError: one is not in it."""
+    numbers: dict[str, Any] = record | given
+    if len(numbers) > len(record):
+        unknown = min(given.keys() - record.keys())
+        raise ValueError(
+            f"the compiled program has no number {unknown!r}: add a row with this id to impact_gym/quantities.py"
+        )
+    return tuple(numbers.values())
 
 
 def reader(record: np.dtype[Any], names: tuple[str, ...]) -> struct.Struct:
@@ -67,8 +79,8 @@ STATUS_MESSAGES = {
 
 def pack_approach(scene: Scene, motion: Trapezoid | Motion, duration: float) -> tuple[bytes, Numbers]:
     """Return a RUN_PLAN as bytes, and the table (n,) of its robot and motion. `struct` is faster than NumPy here."""
-    fields, table = _approach(scene, motion, duration, damping_factor)
-    return _RUN_PLAN.pack(*fields), table
+    given, table = _approach(scene, motion, duration, damping_factor)
+    return _RUN_PLAN.pack(*filled(RUN_PLAN_NUMBERS, given)), table
 
 
 def pack_approaches(
@@ -78,12 +90,20 @@ def pack_approaches(
 
     Numbers of the scene and the motion, and `duration`, may be arrays that can be broadcast to `shape`.
     """
-    fields, table = _approach(scene, motion, duration, _damping_factors)
-    approaches = np.empty((*shape, len(fields)))
+    given, table = _approach(scene, motion, duration, _damping_factors)
+    approaches = np.empty((*shape, len(RUN_PLAN_NUMBERS)))
     views = {"d": approaches, "q": approaches.view(np.int64)}
-    for index, (code, values) in enumerate(zip(_RUN_PLAN.format, fields, strict=True)):
+    for index, (code, values) in enumerate(zip(_RUN_PLAN.format, filled(RUN_PLAN_NUMBERS, given), strict=True)):
         views[code][..., index] = values
     return approaches, table
+
+
+def pack_mount(
+    tool_mass: float, coupling: Coupling, robot: Robot | RobotTable | None = None
+) -> tuple[NDArray[Any], Numbers]:
+    """Return an array (1,) of MOUNT, and the robot's table (n,), to put first among all tables."""
+    given, table = _mount(tool_mass, coupling, robot)
+    return np.frombuffer(_MOUNT.pack(*filled(MOUNT_NUMBERS, given)), kernels.MOUNT), table
 
 
 _damping_factors = np.vectorize(damping_factor, otypes=[np.float64])
@@ -91,54 +111,42 @@ _damping_factors = np.vectorize(damping_factor, otypes=[np.float64])
 
 def _approach(
     scene: Scene, motion: Trapezoid | Motion, duration: Any, damping: Callable[..., Any]
-) -> tuple[tuple[Any, ...], Numbers]:
+) -> tuple[dict[str, Any], Numbers]:
     """Return the numbers of a RUN_PLAN, and its table; `damping` is `damping_factor` for numbers or for arrays."""
-    (coupling_kind, robot_kind, tool_mass, coupling, robot, *rest), table = mount_to_kernel(
-        scene.tool.mass, scene.coupling, scene.robot
-    )
-    target, law, brake = scene.object, scene.contact, getattr(motion, "brake", None)
-    m, n = law.stiffness_exponent, law.damping_exponent
-    reference = 0.0 if law.reference_velocity is None else law.reference_velocity
-    nominal = damping(law.dissipation, law.restitution, m, n)
-    contact = law.stiffness, 0.0, m, n, 0, 0, nominal, reference, 0.0  # `contact_of` determines those that are 0
-    threshold, delay = (brake.threshold, brake.delay) if brake else (math.inf, math.inf)
+    given, table = _mount(scene.tool.mass, scene.coupling, scene.robot)
+    target, contact = scene.object, scene.contact
+    given |= {
+        "contact.stiffness": contact.stiffness, "contact.m": contact.stiffness_exponent,
+        "contact.n": contact.damping_exponent,
+        "contact.nominal": damping(
+            contact.dissipation, contact.restitution, contact.stiffness_exponent, contact.damping_exponent
+        ),
+        "contact.reference": 0.0 if contact.reference_velocity is None else contact.reference_velocity,
+        "object_mass": target.mass, "distance": target.distance, "duration": duration,
+        "friction": 0.0 if target.friction is None else target.friction, "threshold": math.inf, "delay": math.inf,
+    }  # fmt: skip
     if isinstance(motion, Motion):
-        profile = 0.0, 1.0, threshold, delay, 1.0, len(table), len(motion.times)
-        table = np.array([*table, *motion.times, *motion.velocities])
-    else:
-        profile = motion.speed, motion.acceleration, threshold, delay, motion.deceleration, 0, 0
-    friction = 0.0 if target.friction is None else target.friction
-    numbers = target.mass, target.distance, friction, *profile, duration, 0.0
-    return (coupling_kind, robot_kind, tool_mass, *coupling, *robot, *rest, *contact, *numbers), table
+        given |= {"acceleration": 1.0, "deceleration": 1.0, "motion": len(table), "points": len(motion.times)}
+        return given, np.array([*table, *motion.times, *motion.velocities])
+    given |= {"speed": motion.speed, "acceleration": motion.acceleration, "deceleration": motion.deceleration}
+    if motion.brake:
+        given |= {"threshold": motion.brake.threshold, "delay": motion.brake.delay}
+    return given, table
 
 
-_NO_ROBOT = tuple(ROBOT_NUMBERS.values())
-
-
-def _in_order(none: dict[str, float], given: dict[str, float], record: str) -> tuple[float, ...]:
-    """Return the numbers of a compiled record in its order, 0 for those not given; ValueError: one is not in it."""
-    numbers = none | given
-    if len(numbers) > len(none):
-        unknown = min(given.keys() - none.keys())
-        raise ValueError(f"the record {record} of the compiled program has no number {unknown!r}: "
-                         f"add a row {record}.{unknown} to impact_gym/quantities.py")  # fmt: skip
-    return tuple(numbers.values())
-
-
-def mount_to_kernel(
-    tool_mass: float, coupling: Coupling, robot: Robot | RobotTable | None = None
-) -> tuple[tuple[Any, ...], Numbers]:
-    """Return the fields of MOUNT, and the robot's table (n,), to put first among all tables."""
-    kind, given = coupling.kernel()
-    numbers = _in_order(COUPLING_NUMBERS, given, "coupling")
+def _mount(tool_mass: Any, coupling: Coupling, robot: Robot | RobotTable | None) -> tuple[dict[str, Any], Numbers]:
+    """Return the numbers of a MOUNT, and the robot's table (n,)."""
+    kind, numbers = coupling.kernel()
+    given = {"coupling_kind": kind, "robot_kind": kernels.RIGID_ROBOT, "tool_mass": tool_mass}
+    for name, value in numbers.items():
+        given["coupling." + name] = value
     if robot is None:
-        return (kind, kernels.RIGID_ROBOT, tool_mass, numbers, _NO_ROBOT, 0, 0, 0.0), NO_TABLE
+        return given, NO_TABLE
     if isinstance(robot, Robot):
-        given = {"mass": robot.mass, "stiffness": robot.stiffness, "damping": robot.damping}
-        of_robot = _in_order(ROBOT_NUMBERS, given, "robot")
-        return (kind, kernels.ROBOT, tool_mass, numbers, of_robot, 0, 0, 0.0), NO_TABLE
+        given |= {"robot_kind": kernels.ROBOT, "robot.mass": robot.mass, "robot.stiffness": robot.stiffness}
+        return given | {"robot.damping": robot.damping}, NO_TABLE
     intervals, stiffest, table = _table(robot)
-    return (kind, kernels.ROBOT_TABLE, tool_mass, numbers, _NO_ROBOT, 0, intervals, stiffest), table
+    return given | {"robot_kind": kernels.ROBOT_TABLE, "intervals": intervals, "stiffest": stiffest}, table
 
 
 @lru_cache(maxsize=64)

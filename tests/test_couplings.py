@@ -44,19 +44,18 @@ def test_lag_holds_the_tool_at_a_steady_acceleration():
     assert ig.Bistable().pull(0.0, 0.0, MASS) == pytest.approx(0.0, abs=1e-9)  # spring and stop balance at rest
 
 
-@pytest.mark.parametrize("index", range(len(to_kernel.COUPLING_NUMBERS) + 1))
-def test_one_more_number_of_a_record_changes_no_other(index, monkeypatch):
-    names = np.insert([*to_kernel.COUPLING_NUMBERS], index, "more").tolist()
-    monkeypatch.setattr(to_kernel, "COUPLING_NUMBERS", dict.fromkeys(names, 0.0))
-    for coupling in (ig.Rigid(), SPRING, STOPPED, ig.Bistable()):
-        (_, _, _, numbers, *_), _ = to_kernel.mount_to_kernel(MASS, coupling)
-        given = dict(zip(to_kernel.COUPLING_NUMBERS, numbers, strict=True))
-        assert given == dict.fromkeys(given, 0.0) | coupling.kernel()[1]
+@pytest.mark.parametrize("record", ["MOUNT_NUMBERS", "RUN_PLAN_NUMBERS"])
+def test_one_more_number_of_a_record_changes_no_other(record):
+    names = list(getattr(to_kernel, record))
+    given = {name: float(index) for index, name in enumerate(names, 1)}
+    for index in range(len(names) + 1):
+        more = dict.fromkeys([*names[:index], "more", *names[index:]], 0)
+        assert dict(zip(more, to_kernel.filled(more, given), strict=True)) == {"more": 0} | given
 
 
 def test_a_number_without_a_place_in_the_record_is_refused(monkeypatch):
     monkeypatch.setattr(ig.Rigid, "kernel", lambda _: (kernels.RIGID, {"viscosity": 1.0}))
-    refused(lambda: ig.simulate(scene(), MOTION), "'viscosity'", "coupling.viscosity", "quantities.py")
+    refused(lambda: ig.simulate(scene(), MOTION), "'coupling.viscosity'", "quantities.py")
 
 
 @dataclass(frozen=True, slots=True)

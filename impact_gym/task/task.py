@@ -21,7 +21,7 @@ from impact_gym.task.scenario import ScenarioRanges, ranged_record
 from impact_gym.teleop.channels import WAYS, Channel
 from impact_gym.teleop.link import Link
 from impact_gym.teleop.operators import Operator
-from impact_gym.to_kernel import LOCAL_SHARE, ROBOT_NUMBERS, indices, mount_to_kernel
+from impact_gym.to_kernel import LOCAL_SHARE, indices, pack_mount
 
 VELOCITY_RANGE = (-0.5, 1.5)  # m/s, default of the argument `velocity_range`
 ACCELERATION_RANGE = (1.0, 20.0)  # m/s^2, default of the argument `acceleration_range`
@@ -261,9 +261,9 @@ class Task:
         `first_draw`: index of this task's first draw among the draws of all tasks. `table_at`: index of the first
         number of this task's tables among the numbers of all tables.
         """
-        held, no_table = mount_to_kernel(self.tool_mass, self.coupling, self.robot)
+        mount, no_table = pack_mount(self.tool_mass, self.coupling, self.robot)
         record = np.zeros(1, TASK)
-        record["mount"] = held
+        record["mount"] = mount
         numbers = record["numbers"]
         numbers["coupling"], numbers["robot"] = record["mount"]["coupling"], record["mount"]["robot"]
         tables = [no_table, *(self.link.to_kernel(record, table_at + len(no_table)) if self.link else ())]
@@ -271,7 +271,7 @@ class Task:
             for name in numbers[part].dtype.names or ():
                 numbers[part][name] = getattr(getattr(self, part), name, None) or 0.0
         if self.robot is None:
-            for name in ROBOT_NUMBERS:
+            for name in numbers["robot"].dtype.names or ():
                 numbers["robot"][name] = math.inf  # a rigid robot
         for row in SET_UP:
             if "." not in row.id:

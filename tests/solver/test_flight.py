@@ -9,7 +9,7 @@ from scipy.linalg import expm
 from solver_scenes import random_mechanism, stored_energy
 
 import impact_gym as ig
-from impact_gym.to_kernel import mount_to_kernel
+from impact_gym.to_kernel import pack_mount
 
 TOOL_MASS = 0.125  # kg
 FREQUENCY = 35.0  # rad/s
@@ -18,7 +18,7 @@ STATE = "flange_position", "flange_velocity", "deflection", "deflection_rate", "
 
 
 def model_of(coupling, robot=None):
-    return kernels().models_of(np.array([mount_to_kernel(TOOL_MASS, coupling, robot)[0]], kernels().MOUNT))
+    return kernels().models_of(pack_mount(TOOL_MASS, coupling, robot)[0])
 
 
 def spring(frequency, damping_ratio):
