@@ -70,7 +70,7 @@ def lines(setup: Setup) -> Iterator[str]:
     lags = [1e3 * lag(corner) for corner in corners(task)]
     behind = " to ".join(dict.fromkeys((f"{min(lags):.3g}", f"{max(lags):.3g}")))
     yield f"  the tool lags {behind} mm behind at the full {task.acceleration_range[1]:g} m/s^2"
-    with prefixed_errors(f"{setup.called}: the paper's rule"):
+    with prefixed_errors(f"{setup.cli_name}: the paper's rule"):
         played = ScenarioBatch.of("validation", SAMPLE, task).play(PaperTrapezoid().for_task(task))
     yield (
         f"  in {SAMPLE} scenarios, the paper's rule leaves the object {played.object_velocity.mean():.3f} m/s (mean),"

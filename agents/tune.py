@@ -20,7 +20,7 @@ from impact_gym.parameters import SI, Index, Options
 from impact_gym.quantities import QUANTITIES
 from impact_gym.support.command_line import command_of, run_command
 from impact_gym.support.files import locked
-from impact_gym.support.provenance import circumstances, digest_of
+from impact_gym.support.provenance import digest_of, machine_and_versions
 from impact_gym.support.validation import distinct, nearest
 from impact_gym.task import Task
 
@@ -127,10 +127,10 @@ def tune(options: Tune) -> list[Path]:
     def write(place: int, result: dict[str, Any]) -> None:
         name, setup, weight = missing[place]
         numbers = zip(setup.tuned[name].rule.names(), result["parameters"], strict=True)
-        search, where = options.search(name, setup), ((setup.called,), (name,), (weight,))
+        search, where = options.search(name, setup), ((setup.cli_name,), (name,), (weight,))
         alone = Tune(*where, search["scenarios"], search["budget"], options.population, options.seed)
         made = {"search": search, "command": command_of("tune", alone)}
-        made |= {"versions": circumstances("impact-gym", "cma", "numpy", "scipy")["versions"]}
+        made |= {"versions": machine_and_versions("impact-gym", "cma", "numpy", "scipy")["versions"]}
         with locked(options.folder(setup) / LOCK):  # meanwhile another process may have tuned other weights
             found = _tuned_before(name, setup, options, say=lambda _: None)
             found |= {f"{weight:g}": result | {"parameters": dict(numbers)} | made}
@@ -169,7 +169,7 @@ def tune_at_rule_time(options: Tune) -> None:
             times = {float(weight): found["validation"]["approach_time"] for weight, found in weights.items()}
             if (weight := next_weight(times, target)) is None:
                 break
-            tune(replace(options, setups=(setup.called,), names=(name,), weights=(weight,)))
+            tune(replace(options, setups=(setup.cli_name,), names=(name,), weights=(weight,)))
 
 
 def _tuned_before(name: str, setup: Setup, options: Tune, say: Callable[[str], None] = print) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from scipy.stats import ttest_1samp
 from agents.policies import load_ensemble
 from agents.setups import load_setup, shipped
 from impact_gym.support.command_line import run_command
-from impact_gym.support.provenance import todays
+from impact_gym.support.provenance import modern_command
 
 SHIPPED = shipped()
 
@@ -28,8 +28,8 @@ def card(name: str) -> Iterator[str]:
     setup = load_setup(name)
     path = setup.folder / "policies" / f"{setup.name}.npz"
     if not path.is_file():
-        train = f"impact-gym train {setup.called} --seeds {setup.seeds}"
-        raise ValueError(f"{setup.called} has no policy yet: make {path} with {train}")
+        train = f"impact-gym train {setup.cli_name} --seeds {setup.seeds}"
+        raise ValueError(f"{setup.cli_name} has no policy yet: make {path} with {train}")
     ensemble = load_ensemble(path)
     chosen = ensemble[None].provenance
     yield f"{setup.name}: {setup.title}"
@@ -41,7 +41,7 @@ def card(name: str) -> Iterator[str]:
         yield f"  w = {weight:g} m/s per s: T {time} s, V_p {velocity} m/s"
     yield f"  {seeds} seeds, seed {ensemble.chosen} is the median; in brackets the 95 % interval of the mean"
     when = f"{chosen['settings']['steps']:,} steps, {chosen['date'][:10]}, commit {(chosen.get('commit') or '-')[:7]}"
-    yield f"  made by: {todays(chosen['command'])} ({when})"
+    yield f"  made by: {modern_command(chosen['command'])} ({when})"
 
 
 def _mean(values: Sequence[float]) -> str:

@@ -33,7 +33,7 @@ include "physics/mechanism.pxi"
 include "physics/robot.pxi"
 include "task/numbers.pxi"
 include "solver/state.pxi"
-include "solver/to_kernel.pxi"
+include "solver/pack.pxi"
 include "solver/piece.pxi"
 include "solver/flight.pxi"
 include "solver/general.pxi"
@@ -138,7 +138,7 @@ def approach_rows(
     run.recorder = recorder_of(recorder)
     with nogil:
         for i in range(first, last):
-            model_to_kernel(&plan[i].mount, &model)
+            pack_model(&plan[i].mount, &model)
             run.model, given = &model, &plan[i].contact
             run.contact = contact_of(given.stiffness, given.nominal, given.m, given.n, given.reference)
             run.object_mass, run.threshold = plan[i].object_mass, plan[i].threshold
@@ -153,7 +153,7 @@ def models_of(mounts):
     cdef const Mount *mount = <const Mount *> memory_of(mounts)
     cdef ChainModel *model = <ChainModel *> memory_of(models)
     for i in range(len(mounts)):
-        model_to_kernel(&mount[i], &model[i])
+        pack_model(&mount[i], &model[i])
     return models
 
 
@@ -254,7 +254,7 @@ cdef class Rows:
                 if row.task.mount_drawn:
                     mount = row.task.mount
                     mount.tool_mass, mount.coupling, mount.robot = drawn.tool_mass, drawn.coupling, drawn.robot
-                    model_to_kernel(&mount, &self.models[index[k] * self.each_model])
+                    pack_model(&mount, &self.models[index[k] * self.each_model])
                 begin_episode(&row, &self.models[index[k] * self.each_model], drawn)
 
     def step(self, actions, skip, int64_t first, int64_t last):

@@ -256,8 +256,8 @@ RESULTS = (
 
 STEERED = (
     Quantity("done_time", "end of the last control step", "s"),
-    Quantity("late", "mean time from a touch until the operator's stop reaches the arm", "s"),
-    Quantity("taken", "share of the operator's motion that the assistance withheld before the touch", "-"),
+    Quantity("stop_delay", "mean time from a touch until the operator's stop reaches the arm", "s"),
+    Quantity("withheld_share", "share of the operator's motion that the assistance withheld before the touch", "-"),
 )
 """Results that only an episode with an operator has."""
 

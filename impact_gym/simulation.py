@@ -14,12 +14,12 @@ from impact_gym.couplings import warn_of_stroke
 from impact_gym.kernels import CHAIN, CONTACT, TRACE, approach_rows
 from impact_gym.motion import Motion, Trapezoid
 from impact_gym.outcome import Array, ContactRecord, Outcome, Outcomes, Trace
+from impact_gym.pack import LOCAL_SHARE, STATUS_MESSAGES, pack_approach, pack_approaches, reader
 from impact_gym.quantities import BY_PATH, QUANTITIES
 from impact_gym.scene import Scene
 from impact_gym.support.dotted_paths import flatten, get, parts, replaced
 from impact_gym.support.threads import CORES, over_rows
 from impact_gym.support.validation import array, one_of, whole
-from impact_gym.to_kernel import LOCAL_SHARE, STATUS_MESSAGES, pack_approach, pack_approaches, reader
 
 MAX_STEPS = 1_000_000
 """Integration steps after which the solver gives up a run."""

@@ -13,7 +13,7 @@ import impact_gym as ig
 from agents.check import lag
 from agents.setups import load_baseline
 from experiments.reference.chain import Chain
-from impact_gym import kernels, to_kernel
+from impact_gym import kernels, pack
 from impact_gym.couplings import COUPLINGS, Coupling
 from impact_gym.task import Task
 
@@ -46,11 +46,11 @@ def test_lag_holds_the_tool_at_a_steady_acceleration():
 
 @pytest.mark.parametrize("record", ["MOUNT_NUMBERS", "RUN_PLAN_NUMBERS"])
 def test_one_more_number_of_a_record_changes_no_other(record):
-    names = list(getattr(to_kernel, record))
+    names = list(getattr(pack, record))
     given = {name: float(index) for index, name in enumerate(names, 1)}
     for index in range(len(names) + 1):
         more = dict.fromkeys([*names[:index], "more", *names[index:]], 0)
-        assert dict(zip(more, to_kernel.filled(more, given), strict=True)) == {"more": 0} | given
+        assert dict(zip(more, pack.filled(more, given), strict=True)) == {"more": 0} | given
 
 
 def test_a_number_without_a_place_in_the_record_is_refused(monkeypatch):

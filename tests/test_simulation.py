@@ -14,11 +14,11 @@ from solver_scenes import COUPLINGS, MOTION, ROBOTS, SPRING, scene
 
 import impact_gym as ig
 from impact_gym import simulation
+from impact_gym.pack import STATUS_MESSAGES
 from impact_gym.quantities import BY_PATH
 from impact_gym.scene import LAWS
 from impact_gym.simulation import APPROACHES_PER_THREAD
 from impact_gym.support import dotted_paths
-from impact_gym.to_kernel import STATUS_MESSAGES
 
 ROBOT = ig.Robot(5.225, 1.9e5, 50.4)
 SCENE = scene(coupling=SPRING)

@@ -40,9 +40,9 @@ class Episodes:
     slide: NDArray[np.float64] | None = None  # m, distance that the object slides; None: no friction
     rest_time: NDArray[np.float64] | None = None  # s, time when the object comes to rest; None: no friction
     done_time: NDArray[np.float64] | None = None  # s, end of the last control step; None: no operator
-    taken: NDArray[np.float64] | None = None  # -, fraction of the operator's motion that was withheld before the touch
+    withheld_share: NDArray[np.float64] | None = None  # -, of the operator's motion before the touch
     touch_time: NDArray[np.float64] | None = None  # s, time of the first contact, else the horizon; None: no operator
-    late: NDArray[np.float64] | None = None  # s, mean time from a touch until the operator's stop reaches the arm
+    stop_delay: NDArray[np.float64] | None = None  # s, mean time from a touch until the operator's stop reaches the arm
 
     def loss(self, time_weight: float | NDArray[np.float64]) -> NDArray[np.float64]:
         """Return V_p + time_weight * approach time, plus the charge for a missed object, m/s, for each row."""

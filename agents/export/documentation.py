@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike
 from agents.baselines import FIXED, Rule, tuned_rule
 from agents.policies import Policy, load_policy
 from agents.policies.networks import to_arrays
-from agents.setups import Setup, load_setup, owner, shipped, shipped_baselines
+from agents.setups import Setup, load_setup, setup_tuning, shipped, shipped_baselines
 from agents.setups.setup import UNSAID
 from agents.setups.tuned import read_tuned
 from impact_gym.support.archive import checksum
-from impact_gym.support.provenance import todays
+from impact_gym.support.provenance import modern_command
 from impact_gym.support.validation import nearest
 from impact_gym.task import QUANTITIES, ObservationSpec
 from impact_gym.teleop.link import FADE
@@ -60,7 +60,7 @@ class Exported:
         self.spec, self.actions = ObservationSpec(self.task), self.task.action.entries
         self.policy = controller if isinstance(controller, Policy) else None
         provenance = self.policy.provenance if self.policy else {}
-        self.command = command or todays(str(provenance.get("command", "by hand")))
+        self.command = command or modern_command(str(provenance.get("command", "by hand")))
         self.validation = validation or provenance.get("validation")
         settings = provenance.get("settings", {})
         name = settings.get("setup", settings.get("preset"))
@@ -124,15 +124,17 @@ def of_baseline(name: str, setup: Setup | None = None, folder: Path | None = Non
         return Exported(rule.for_task(setup.task) if setup else rule)
     content = read_tuned(name, folder, setup)
     validation = {weight: found.get("validation") for weight, found in content["weights"].items()}
-    made_for = owner(content["baseline"], setup)
-    command = f"impact-gym tune {made_for.called} --names {content['baseline']}" if made_for else "impact-gym tune"
+    made_for = setup_tuning(content["baseline"], setup)
+    command = f"impact-gym tune {made_for.cli_name} --names {content['baseline']}" if made_for else "impact-gym tune"
     return Exported(tuned_rule(content), validation, command)
 
 
 def of_name(name: str, setup: Setup | None = None) -> Exported:
     """Return the controller that `name` means: a baseline, a tuned baseline's file, or a policy, see `load_policy`."""
     if setup and Path(name).stem not in (own := [*FIXED, *setup.tuned]):
-        raise ValueError(f"{name} is no baseline of {setup.called}: leave out --setup, or name one of {', '.join(own)}")
+        raise ValueError(
+            f"{name} is no baseline of {setup.cli_name}: leave out --setup, or name one of {', '.join(own)}"
+        )
     if name in (*FIXED, *shipped_baselines(), *(setup.tuned if setup else ())) or name.endswith(".json"):
         return of_baseline(name, setup)
     if name.endswith(".toml"):
@@ -155,6 +157,6 @@ def of_setup(setup: Setup, folder: Path | None = None) -> dict[str, Exported]:
     if (path := folder / "policies" / f"{setup.name}.npz").is_file():
         found[setup.name] = Exported(load_policy(path))
     else:
-        remedy = f"run impact-gym train {setup.called} --seeds {setup.seeds} --policies {path.parent}"
+        remedy = f"run impact-gym train {setup.cli_name} --seeds {setup.seeds} --policies {path.parent}"
         print(f"{setup.name} is left out: there is no {path}; {remedy}")
     return found

@@ -85,7 +85,7 @@ class Setup(Options):
         return self.path.parent == SHIPPED
 
     @property
-    def called(self) -> str:
+    def cli_name(self) -> str:
         """Argument of a command for this set-up: its name if it is shipped, else its path."""
         return self.name if self.shipped else str(self.path)
 
@@ -109,7 +109,7 @@ def shipped_baselines() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in TUNED.glob("*.json")))
 
 
-def owner(baseline: str, setup: Setup | None = None) -> Setup | None:
+def setup_tuning(baseline: str, setup: Setup | None = None) -> Setup | None:
     """Return the set-up that tunes `baseline`: `setup`, or else a shipped set-up; None: no set-up tunes it."""
     if setup and baseline in setup.tuned:
         return setup

@@ -13,7 +13,7 @@ from typing import Any
 from agents.baselines import FIXED, RULES, Clairvoyant, Rule, tuned_rule
 from agents.baselines.rule import Floats, ranges_for, tuned_parameters
 from agents.policies import Controller
-from agents.setups.setup import TUNED, Setup, owner, shipped_baselines
+from agents.setups.setup import TUNED, Setup, setup_tuning, shipped_baselines
 from impact_gym.support.archive import archive_of, checksum, read_archive, refuse_altered
 from impact_gym.support.files import NO_FILE, parsed, reason, write_file
 from impact_gym.support.validation import nearest, number
@@ -43,16 +43,16 @@ def read_tuned(name: str | Path, folder: Path | None = None, setup: Setup | None
     """Return the content of a tuned baseline's file; its entry "weights" has the result for each time weight.
 
     `name` is the baseline's name, or the path of its JSON file (in `folder`). The file must fit the set-up that tunes
-    the baseline, see `owner`. Default folder: the subfolder `tuned` of the set-up's folder, or TUNED if no set-up tunes
-    the baseline.
+    the baseline, see `setup_tuning`. Default folder: the subfolder `tuned` of the set-up's folder, or TUNED if no
+    set-up tunes the baseline.
     """
     path = Path(folder or "", name)
     name, folder = (path.stem, path.parent) if path.suffix == ".json" else (str(name), folder)
-    setup = owner(name, setup)
+    setup = setup_tuning(name, setup)
     path = (folder or (setup.folder / "tuned" if setup else TUNED)) / f"{name}.json"
     if setup is None and not path.is_file():
         raise ValueError(nearest("baseline", name, [*FIXED, *shipped_baselines()]))
-    remedy = f"run impact-gym tune {setup.called if setup else 'SETUP'} --out {path.parent}"
+    remedy = f"run impact-gym tune {setup.cli_name if setup else 'SETUP'} --out {path.parent}"
     if not path.is_file():
         why = f"{path} is {NO_FILE}" if os.path.lexists(path) else f"there is no file {path}"
         raise ValueError(f"baseline {name!r} was not tuned ({why}): {remedy}")
@@ -113,7 +113,7 @@ def read_bound(setup: Setup, folder: Path = TUNED, generations: int = BOUND_GENE
     environment = content.pop("environment", {})
     search = {"set": BOUND_SET, "parameters": Clairvoyant.names(), "generations": generations}
     if content != search or not setup.describes(Task(**environment)):
-        remedy = f"run impact-gym tune {setup.called} --bound"
+        remedy = f"run impact-gym tune {setup.cli_name} --bound"
         raise ValueError(f"{path} has a clairvoyant bound for another environment or other search settings: {remedy}")
     return {float(weight): parameters for weight, parameters in arrays.items()}
 

@@ -115,7 +115,7 @@ class TrainingCallback(BaseCallback):
         raise CollapsedError(
             f"the training collapsed after {self.num_timesteps:,} of {training.whole_steps:,} steps: {reason}. Try a"
             f" learning_rate below {training.learning_rate:g} or log_std below {training.log_std:g}, and see with"
-            f" `impact-gym check {self._setup.called}` whether the objects can be reached at all"
+            f" `impact-gym check {self._setup.cli_name}` whether the objects can be reached at all"
         )
 
     def _write_row(self) -> None:

@@ -37,7 +37,7 @@ from impact_gym.parameters import Index, Options
 from impact_gym.sb3 import ImpactVecEnv
 from impact_gym.support.command_line import command_of, progress
 from impact_gym.support.files import locked, write_file, writing
-from impact_gym.support.provenance import circumstances, revision
+from impact_gym.support.provenance import machine_and_versions, revision
 from impact_gym.task import ObservationSpec, Task
 
 FIRST_SEED = 10_000_000
@@ -76,12 +76,12 @@ class Run(Options):
     def command(self) -> str:
         """The shortest command line that starts this training."""
         seed = ["--seed", str(self.seed)] if self.seed else []
-        return command_of("train", self.training, self.setup.training, self.setup.called, *seed)
+        return command_of("train", self.training, self.setup.training, self.setup.cli_name, *seed)
 
     def made_for(self) -> dict[str, Any]:
         """Return the settings, the environment and other inputs that determine the result, as JSON values."""
         evaluation, training = self.setup.evaluation, self.training
-        settings = {"setup": self.setup.called, "seed": self.seed, **asdict(training)}
+        settings = {"setup": self.setup.cli_name, "seed": self.seed, **asdict(training)}
         made = {"settings": settings, "environment": self.task.arguments(), "weights": evaluation.weights}
         made |= {"teacher": self.teacher.checksum} if self.teacher else {}
         made |= {"nominal": evaluation.nominal} if training.nominal else {}
@@ -164,12 +164,12 @@ def policy_from(model: PPO, run: Run, provenance: Mapping[str, Any]) -> Policy:
 
 def train(run: Run, out: Path | None = None) -> Path:
     """Train, write the run folder, and return its path."""
-    with prefixed_errors(run.setup.called):
+    with prefixed_errors(run.setup.cli_name):
         for sentence in doubts(run.task):
             print(f"warning: {sentence}")
     stamp = datetime.now(UTC).strftime("%Y%m%d-%H%M%S")
     folder = out or Path("runs") / f"{stamp}-{run.setup.name}-seed{run.seed}"
-    record = {"command": run.command, **run.made_for(), **revision(), **circumstances(*PACKAGES)}
+    record = {"command": run.command, **run.made_for(), **revision(), **machine_and_versions(*PACKAGES)}
     folder.mkdir(parents=True)
     write_file(folder / "config.json", json.dumps(record, indent=2) + "\n")
     return _finish(folder, run, record)
@@ -181,7 +181,7 @@ def resume(folder: Path) -> Path:
         record = json.loads((folder / "config.json").read_text())
         run = Run.of_record(record["settings"])
         if any(record[name] != value for name, value in run.made_for().items()):
-            raise ValueError(f"the set-up {run.setup.called} has changed since the run began; train in a new folder")
+            raise ValueError(f"the set-up {run.setup.cli_name} has changed since the run began; train in a new folder")
     except (OSError, LookupError, TypeError, AttributeError, ValueError) as error:
         raise ValueError(f"{folder} holds no run that this version can resume: {error}") from error
     return _finish(folder, run, record)

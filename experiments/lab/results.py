@@ -14,7 +14,7 @@ ABOUT = ("command", "date", "machine", "versions", "table")  # the first lines o
 
 
 def write(folder: Path, name: str, table: Table, record: Mapping[str, Any]) -> Path:
-    """Write `folder`/NAME.csv and return its path; `record` has the command and `provenance.circumstances`."""
+    """Write `folder`/NAME.csv and return its path; `record` has the command and `provenance.machine_and_versions`."""
     versions = ", ".join(f"{package} {version}" for package, version in record["versions"].items())
     about = record["command"], record["date"][:10], record["machine"], versions, table.caption
     file = io.StringIO()

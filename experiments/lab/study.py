@@ -16,7 +16,7 @@ import polars as pl
 from agents.jobs import cached
 from impact_gym.support.archive import checksum
 from impact_gym.support.files import locked, whole_file, write_file
-from impact_gym.support.provenance import circumstances, digest_of, revision
+from impact_gym.support.provenance import digest_of, machine_and_versions, revision
 from impact_gym.support.sources import compiled_from
 from impact_gym.support.validation import whole
 
@@ -32,7 +32,7 @@ LOCK_FILE = ".impact_gym"  # a run writes only to a new or empty folder, or to a
 LARGE = 50_000  # largest number of rows of a table in CSV; a larger table is written as Parquet
 SOLVER = tuple(  # modules on which the result of `simulate` depends, in addition to the compiled solver
     f"impact_gym.{name}"
-    for name in ("physics", "scene", "couplings", "motion", "robot", "to_kernel", "outcome", "simulation")
+    for name in ("physics", "scene", "couplings", "motion", "robot", "pack", "outcome", "simulation")
 )
 
 
@@ -206,7 +206,7 @@ class StudyRun(dict[str, pl.DataFrame]):
             shutil.rmtree(cache, ignore_errors=True)
         runs, begun = runs_of(self.folder) if cache.is_dir() else [], time.perf_counter()
         record: dict[str, Any] = {"command": self.command, "seconds": None, "load_before": os.getloadavg()[0]}
-        runs.append(record | revision() | circumstances("impact-gym", "numpy", "scipy", *study.packages))
+        runs.append(record | revision() | machine_and_versions("impact-gym", "numpy", "scipy", *study.packages))
         try:
             findings = self.measure()
         finally:

@@ -31,20 +31,20 @@ def playable(name: str) -> Setup:
     if "operator" not in setup.environment:
         others = ", ".join(each.name for each in map(load_setup, shipped()) if "operator" in each.environment)
         raise ValueError(
-            f'{setup.called} has no operator: add operator = {{ type = "Reach", place_error = 0.0, creep = 0.1 }}, '
+            f'{setup.cli_name} has no operator: add operator = {{ type = "Reach", place_error = 0.0, creep = 0.1 }}, '
             f"friction = 0.3 and horizon = 8.0 to its [environment], or take {others}"
         )
     if (period := setup.task.control_period) != PERIOD:
-        raise ValueError(f"{setup.called}: control_period must be {PERIOD} s for impact-gym play, got {period} s")
+        raise ValueError(f"{setup.cli_name}: control_period must be {PERIOD} s for impact-gym play, got {period} s")
     return setup
 
 
 def related(setup: Setup) -> dict[str, str]:
     """Return the names of `setup` and, if shipped, of its variants with other couplings, by the name's last part."""
-    family, _, kind = setup.called.rpartition("-")
+    family, _, kind = setup.cli_name.rpartition("-")
     if setup.shipped and kind in COUPLINGS:
         return {each: f"{family}-{each}" for each in COUPLINGS}
-    return {kind: setup.called}
+    return {kind: setup.cli_name}
 
 
 def environment_of(setup: Setup) -> dict[str, Any]:
@@ -94,7 +94,9 @@ def assistance(name: str, setup: Setup) -> Controller:
     if name == "limit":
         limits = [known for known, tuned in setup.tuned.items() if tuned.rule is BlindProfile]
         if not limits:
-            raise ValueError(f"assist limit needs a tuned BlindProfile: add one to [baselines.tuned] of {setup.called}")
+            raise ValueError(
+                f"assist limit needs a tuned BlindProfile: add one to [baselines.tuned] of {setup.cli_name}"
+            )
         rule: Any = load_baseline(limits[0], setup.evaluation.typical, setup.folder / "tuned")
     else:
         rule = {"none": OperatorAlone, "brake": LocalBrake, "rule": PaperTrapezoid}[name]()

@@ -15,14 +15,14 @@ from impact_gym.envs.batch import Batch, Bodies
 from impact_gym.envs.single import TRACE_POINTS
 from impact_gym.render.film import History
 from impact_gym.support.files import parsed, write_file
-from impact_gym.support.provenance import circumstances, revision
+from impact_gym.support.provenance import machine_and_versions, revision
 from impact_gym.support.sources import compiled_from
 from impact_gym.support.validation import choice, number, numbers, one_of
 from impact_gym.task import Task
 
 AGREES = 0.01  # largest relative difference that late steps may make in an attempt that counts, see `timed_right`
 BUSY = "this computer was too busy; the try was not timed right: close other programs"  # mark of the other attempts
-RESULTS = "object_velocity", "slide", "peak_force", "touch_time", "done_time", "taken", "missed"
+RESULTS = "object_velocity", "slide", "peak_force", "touch_time", "done_time", "withheld_share", "missed"
 ROUNDING = 1e-6  # allowed rounding error of times, as a fraction of a control period
 SLOWEST = 16.0  # largest `Attempt.slow`
 MAX_TEXT, MAX_NUMBER = 4096, 2.0**64  # limits: characters of set-up and marks together; absolute value of a number
@@ -123,7 +123,7 @@ class Live:
             self.step()
         info = self.batch.info(0)
         self.kept.result.update({name: float(info[name]) for name in RESULTS})
-        versions = circumstances("impact-gym", "numpy")["versions"]
+        versions = machine_and_versions("impact-gym", "numpy")["versions"]
         self.kept.made.update(revision() | {"solver": compiled_from(), "versions": versions})
         return self.kept
 

@@ -55,7 +55,7 @@ class Session:
         assistance(assist, setup)
         self._lock = ExitStack()  # the clock's process inherits the lock
         self._lock.enter_context(locked(folder / ".lock", wait=False))
-        self.setup, self.assist, self.folder = setup.called, assist, folder
+        self.setup, self.assist, self.folder = setup.cli_name, assist, folder
         self.page: Page | None = None
         self.setups = {name: about(playable(name)) for name in related(setup).values()}
         self.busy, self._speeds = (

@@ -110,7 +110,7 @@ def contestants(found: Choice, results: ComparisonResults) -> Table:
             "missed": f"{episodes.missed.sum()}",
         }
         if comparison.operated:
-            more = {"slide (m)": "slide", "until the touch (s)": "touch_time", "taken": "taken"}
+            more = {"slide (m)": "slide", "until the touch (s)": "touch_time", "withheld": "withheld_share"}
             row |= {heading: f"{getattr(episodes, name).mean():.3f}" for heading, name in more.items()}
         rows.append(row)
     drawn = len(results.selection[found.controller][weight].missed)

@@ -116,10 +116,10 @@ def of_setup(
     folder = setup.folder if folder is None else folder
     path = folder / "policies" / f"{setup.name}.npz"
     if not path.is_file():
-        raise ValueError(f"there are no policies {path}: run impact-gym train {setup.called} --seeds {setup.seeds}")
+        raise ValueError(f"there are no policies {path}: run impact-gym train {setup.cli_name} --seeds {setup.seeds}")
     ensemble = load_ensemble(path)
     if not setup.describes(ensemble[None].task):
-        raise ValueError(f"{path} was trained for another environment than {setup.called} describes: train it again")
+        raise ValueError(f"{path} was trained for another environment than {setup.cli_name} describes: train it again")
     policies = {f"seed-{each.seed}": each for each in sorted(ensemble.policies, key=lambda policy: policy.seed)}
     environment, scenarios = environment_and_scenarios(setup.environment, scenarios)
     evaluation = replace(setup.evaluation, typical=time_weight or setup.evaluation.typical)

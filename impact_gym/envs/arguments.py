@@ -13,7 +13,9 @@ Kind = TypeVar("Kind", bound=type)
 def documented(kind: Kind) -> Kind:
     """Replace the placeholders in the docstring of a class, such as OBSERVATION_TABLE, by Markdown tables."""
     pairs = zip(SCENARIO, ScenarioRanges().by_id().values(), strict=True)
-    scenario = [(f"`{row.id}`", f"{low:g} - {high:g}", law_of(row), row.unit) for row, (low, high) in pairs]
+    scenario = [
+        (f"`{row.id}`", f"{low:g} - {high:g}", distribution_in_words(row), row.unit) for row, (low, high) in pairs
+    ]
     ids = {row.id: row.id.replace("uplink", "downlink") for row in SET_UP if not row.id.startswith("downlink")}
     set_up = [
         (", ".join(f"`{name}`" for name in dict.fromkeys((row.id, ids[row.id])) if name in QUANTITIES),
@@ -39,7 +41,7 @@ def unit_of(row: Quantity) -> str:
     return row.unit + {"linear": "", "log": ", as log", "log1p": ", as log(1 + F)"}[row.scale.curve]
 
 
-def law_of(row: Quantity) -> str:
+def distribution_in_words(row: Quantity) -> str:
     """Return in words how a number of the scenario is distributed."""
     return "log-uniform" if row.draw and row.draw.by_ratio else "uniform"
 

@@ -94,21 +94,21 @@ class Batch:
         self.observations = np.zeros((size, len(self.spec)), np.float32)
         self.rewards = np.zeros(size)
         self.traces = np.empty((size, trace_points), kernels.TRACE)
-        self._to_kernel(tasks)
+        self._pack(tasks)
         self._infos = Infos(tasks)
         self._make_rows()
 
-    def _to_kernel(self, tasks: Sequence[Task]) -> None:
+    def _pack(self, tasks: Sequence[Task]) -> None:
         records, draws, tables, numbers = [], list[tuple[Any, ...]](), [], 0
         for task in tasks:
-            record, its_draws, table = task.to_kernel(len(draws), numbers)
+            record, its_draws, table = task.pack(len(draws), numbers)
             records.append(record)
             draws += its_draws
             tables.append(table)
             numbers += len(table)
         self._tasks, self.draws = np.concatenate(records), np.array(draws, kernels.DRAW)
         self._drawn = self.draws.copy()  # `set_scenario` changes `draws`
-        self._tables, self._entries = np.concatenate(tables), self.spec.to_kernel()
+        self._tables, self._entries = np.concatenate(tables), self.spec.pack()
         self.models = kernels.models_of(np.ascontiguousarray(self._tasks["mount"]))
         if self._tasks["mount_drawn"].any():
             self.models = np.resize(self.models, self.size)

@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_gym.kernels import EPISODE
+from impact_gym.pack import STATUS_MESSAGES, indices
 from impact_gym.quantities import QUANTITIES
 from impact_gym.support.dotted_paths import grouped
 from impact_gym.task.episodes import RECORD_IDS
 from impact_gym.task.scenario import FIELDS
 from impact_gym.task.task import Task
-from impact_gym.to_kernel import STATUS_MESSAGES, indices
 
 Records = NDArray[Any]
 _PLACES = indices(EPISODE)
@@ -33,7 +33,12 @@ _NUMBERS = {
 SLIDE = ("slide", "rest_time")
 """Entries that an info has only if there is friction under the object."""
 
-LINKED = {"touch_time": "approach_time", "done_time": "done_time", "taken": "taken", "late": "late"}
+LINKED = {
+    "touch_time": "approach_time",
+    "done_time": "done_time",
+    "withheld_share": "withheld_share",
+    "stop_delay": "stop_delay",
+}
 """Entries that an info has only with an operator, and their fields in EPISODE."""
 
 OTHERS = ("peak_force", "contact_count", "missed", "status")

@@ -72,8 +72,8 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     that played in the step. With the autoreset mode SAME_STEP, `final_info` has the entries of a finished episode.
 
     The final info has the entries of `ImpactApproach` and four more: `touch_time` (s), `done_time` (s, the end of the
-    last step), `late` (s, mean time from a touch until the operator's stop reaches the arm), and `taken` (the fraction
-    of the operator's commanded motion that the assistance withheld before the touch).
+    last step), `stop_delay` (s, mean time from a touch until the operator's stop reaches the arm), and
+    `withheld_share` (the fraction of the operator's commanded motion that the assistance withheld before the touch).
 
     ## Arguments
     See `ImpactApproach`. `ImpactTeleop-v0` has the operator `Reach`, and channels with a delay of 0.1 s each way.

@@ -16,7 +16,7 @@ SOURCES = {".py", ".pyx", ".pxi", ".h", ".csv", ".json", ".toml", ".npz", ".jinj
 """Suffixes of the files that can change the results of a package."""
 
 
-def circumstances(*packages: str) -> dict[str, Any]:
+def machine_and_versions(*packages: str) -> dict[str, Any]:
     """Return machine, date and versions of Python and of `packages`."""
     return {
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -32,7 +32,7 @@ def revision() -> dict[str, str | None]:
     return {"commit": _git("rev-parse", "HEAD"), "changed since": _git("status", "--porcelain", "--untracked-files=no")}
 
 
-def todays(command: str) -> str:
+def modern_command(command: str) -> str:
     """Return a command recorded by this or an earlier version, in the form of this version."""
     return re.sub(r"^python -m agents\.(\w+)", r"impact-gym \1", command).replace(" --algo ppo", "")
 

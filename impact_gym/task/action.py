@@ -49,7 +49,7 @@ class ActionSpec:
         stacked = np.stack(np.broadcast_arrays(*values), axis=-1)
         return (2.0 * (stacked - self._low) / (self._high - self._low) - 1.0).astype(np.float32)
 
-    def to_kernel(self) -> NDArray[Any]:
+    def pack(self) -> NDArray[Any]:
         """Return the entries as an array (3,) of ACTION, for the compiled program; unused rows are zeros."""
         rows = np.zeros(3, ACTION)
         rows[: len(self)] = [(entry.low, entry.high, entry.resolution) for entry in self.entries]

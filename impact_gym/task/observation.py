@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from impact_gym.kernels import ENTRY, EPISODE, LINEAR, LOGARITHM, LOGARITHM_OF_ONE_MORE
+from impact_gym.pack import indices
 from impact_gym.quantities import QUANTITIES, Quantity, Scale
 from impact_gym.task.task import Task
-from impact_gym.to_kernel import indices
 
 Floats = NDArray[np.float64]
 
@@ -97,7 +97,7 @@ class ObservationSpec:
             curved = CURVES[scale.curve].of(np.asarray(value, np.float64))
         return np.clip(scale.scaled_low + gain * (curved - low), scale.scaled_low, 1.0)
 
-    def to_kernel(self) -> NDArray[Any]:
+    def pack(self) -> NDArray[Any]:
         """Return the entries as an array (n,) of ENTRY, for the compiled program."""
         rows = []
         for name, scale in ((row.id, row.scale) for row in self.entries):

@@ -77,8 +77,8 @@ cdef struct Episode:  # drawn numbers, state and results of an episode
     double approach_time  # s, time of the first contact; the horizon if there is none yet
     double slide, rest_time  # m, s, see `Chain`; inf without friction, and before the episode terminates
     double done_time  # s, end of the last control step so far
-    double taken  # ratio of `withheld_way` to `commanded_way` so far, see `Link`
-    double late  # s, mean delays of both channels + the reaction time of the operator's model
+    double withheld_share  # ratio of `withheld_way` to `commanded_way` so far, see `Link`
+    double stop_delay  # s, mean delays of both channels + the reaction time of the operator's model
 
 
 cdef struct Packet:  # a command, and the packet that the arm sends to the display at the same time

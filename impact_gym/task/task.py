@@ -11,6 +11,7 @@ import numpy as np
 
 from impact_gym.couplings import COUPLINGS, SpringDamper, warn_of_stroke
 from impact_gym.kernels import RECORD, TASK
+from impact_gym.pack import LOCAL_SHARE, indices, pack_mount
 from impact_gym.quantities import AFTER_ALARM, HORIZON, PAST_READINGS, QUANTITIES, SET_UP
 from impact_gym.scene import Contact, Robot
 from impact_gym.support.dotted_paths import get, grouped
@@ -21,7 +22,6 @@ from impact_gym.task.scenario import ScenarioRanges, ranged_record
 from impact_gym.teleop.channels import WAYS, Channel
 from impact_gym.teleop.link import Link
 from impact_gym.teleop.operators import Operator
-from impact_gym.to_kernel import LOCAL_SHARE, indices, pack_mount
 
 VELOCITY_RANGE = (-0.5, 1.5)  # m/s, default of the argument `velocity_range`
 ACCELERATION_RANGE = (1.0, 20.0)  # m/s^2, default of the argument `acceleration_range`
@@ -255,7 +255,7 @@ class Task:
         """Return a task in which numbers of `record` (an `info["record"]`) replace the ranges in `drawn`."""
         return self.changed({name: float(record[name]) for name in self.drawn}) if self.drawn else self
 
-    def to_kernel(self, first_draw: int, table_at: int) -> tuple[Any, list[tuple[Any, ...]], Any]:
+    def pack(self, first_draw: int, table_at: int) -> tuple[Any, list[tuple[Any, ...]], Any]:
         """Return a record (1,) of type TASK, a tuple (the fields of `kernels.DRAW`) for each draw, and the tables (n,).
 
         `first_draw`: index of this task's first draw among the draws of all tasks. `table_at`: index of the first
@@ -266,7 +266,7 @@ class Task:
         record["mount"] = mount
         numbers = record["numbers"]
         numbers["coupling"], numbers["robot"] = record["mount"]["coupling"], record["mount"]["robot"]
-        tables = [no_table, *(self.link.to_kernel(record, table_at + len(no_table)) if self.link else ())]
+        tables = [no_table, *(self.link.pack(record, table_at + len(no_table)) if self.link else ())]
         for part in ("range_sensor", "operator", *WAYS):
             for name in numbers[part].dtype.names or ():
                 numbers[part][name] = getattr(getattr(self, part), name, None) or 0.0
@@ -285,7 +285,7 @@ class Task:
         values = {name: getattr(self, name) for name in same} | {
             "full_deceleration": self.acceleration_range[1], "settle_limit": SETTLE_LIMIT,
             "reference_velocity": self.reference_velocity or 0.0, "velocity": self.velocity_range,
-            "action_size": len(self.action), "actions": self.action.to_kernel(),
+            "action_size": len(self.action), "actions": self.action.pack(),
             "first_draw": first_draw, "last_draw": first_draw + len(draws),
             "mount_drawn": not self.drawn.keys().isdisjoint(MOUNT_IDS),
             "range_sensor": self.range_sensor is not None, "alarm_by_reading": self.alarm == "reading",

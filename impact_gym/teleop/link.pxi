@@ -21,7 +21,7 @@ cdef void begin_link(Row *row) noexcept nogil:
     way = link.believed = max(drawn.distance + numbers.place_error, 0.0)
     link.duration = 1.875 * way / numbers.speed if numbers.speed > 0.0 else INFINITY
     link.duration *= 1.0 + numbers.lag_slope * lag
-    row.episode.late = lag + numbers.reaction
+    row.episode.stop_delay = lag + numbers.reaction
 
 
 cdef double send_display(Row *row) noexcept nogil:
@@ -146,7 +146,7 @@ cdef void observe_link(Row *row) noexcept nogil:
     sensors.command_age = row.chain.time - max(link.sent, 0.0)
     sensors.command_age_mean = link.age_mean
     sensors.command_age_spread = sqrt(link.age_squares / link.arrived) if link.arrived > 0 else 0.0
-    row.episode.taken = link.withheld_way / link.commanded_way if link.commanded_way > 0.0 else 0.0
+    row.episode.withheld_share = link.withheld_way / link.commanded_way if link.commanded_way > 0.0 else 0.0
 
 
 cdef bint task_done(Row *row) noexcept nogil:

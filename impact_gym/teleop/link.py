@@ -68,7 +68,7 @@ class Link(NamedTuple):
                              f"period of {control_period:g} s, got {apart:g} s"
                              + unit_hint(apart, most, LEAST_USUAL))  # fmt: skip
 
-    def to_kernel(self, record: NDArray[Any], begin: int) -> list[NDArray[np.float64]]:
+    def pack(self, record: NDArray[Any], begin: int) -> list[NDArray[np.float64]]:
         """Return the tables of operator and channels; write the operator's kind and a `Table` for each into `record`.
 
         `record`: (1,), TASK. `begin`: index of the first table's first number among the numbers of all tables.

@@ -18,7 +18,7 @@ from agents.baselines.filtered import FilteredProfile
 from agents.baselines.profile import KNOTS, LEAST_SPREAD, REACTION
 from agents.baselines.rule import View, tuned_rule
 from agents.evaluate.scenario_batch import ScenarioBatch
-from agents.setups import load_baseline, owner, shipped_baselines
+from agents.setups import load_baseline, setup_tuning, shipped_baselines
 from agents.setups.tuned import read_tuned, write_tuned
 from agents.tune import CLEAN_ALARM
 from impact_gym.envs.batch import Batch
@@ -135,7 +135,7 @@ def test_missing_or_changed_tuned_file_is_refused_with_a_remedy(tmp_path):
 @pytest.mark.parametrize("name", shipped_baselines())
 def test_shipped_baseline_beats_the_papers_rule_at_each_weight(name):
     """With an operator the rival is the operator alone."""
-    content, setup = read_tuned(name), owner(name)
+    content, setup = read_tuned(name), setup_tuning(name)
     rival = OperatorAlone() if "operator" in content["environment"] else PaperTrapezoid()
     poor = isinstance(content["environment"].get("range_noise"), list)  # errors of the estimate: up to 30 mm
     task = Task(**content["environment"] | (CLEAN_ALARM if setup.tuned[name].clean_alarm else {}))

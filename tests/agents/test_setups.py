@@ -16,7 +16,7 @@ import impact_gym as ig
 from agents import check, load_setup
 from agents.baselines import FIXED, RULES, PaperTrapezoid
 from agents.evaluate.scenario_batch import ScenarioBatch
-from agents.setups import feasible, owner, shipped, shipped_baselines
+from agents.setups import feasible, setup_tuning, shipped, shipped_baselines
 from agents.setups.evaluation import VARIED, Evaluation, variants
 from agents.train.ppo import Run
 from impact_gym.task import Task
@@ -28,7 +28,7 @@ def test_load_setup_finds_all_files_of_a_shipped_set_up(name):
     weights = list(setup.training.time_weight)
     assert Run(setup, setup.training).task.arguments() == {**setup.environment, "time_weight": weights}
     assert {*setup.against} <= {*setup.tuned, *shipped_baselines(), *FIXED}
-    assert all(owner(baseline) == setup for baseline in setup.tuned)
+    assert all(setup_tuning(baseline) == setup for baseline in setup.tuned)
     setup.environment["tool_mass"] = 9.0
     assert load_setup(name).environment.get("tool_mass") != 9.0  # a caller cannot change the set-up of other callers
 

@@ -108,8 +108,8 @@ def test_reach_has_minimum_jerk_and_takes_longer_over_delays(link, mean):
     share = np.clip(packets["sent"] / duration, 0.0, 1.0)
     speed = (way + error) / duration * 30.0 * share**2 * (1.0 - share) ** 2
     assert packets["command"] == pytest.approx(np.where(share > 0.5, np.maximum(speed, 1e-3), speed), abs=1e-12)
-    assert batch.info()["late"][0] == pytest.approx(2.0 * mean + reaction, rel=1e-12)
-    assert batch.episodes["taken"][0] == 1.0
+    assert batch.info()["stop_delay"][0] == pytest.approx(2.0 * mean + reaction, rel=1e-12)
+    assert batch.episodes["withheld_share"][0] == 1.0
 
 
 @pytest.mark.parametrize(("damping", "speed", "way"), [

@@ -86,7 +86,7 @@ def test_replay_that_touches_nothing_ends_after_the_recording():
     info = final(steered(operator, scenario=AWAY), [0.0, *OWN[1:]])  # half of each command
     assert info["missed"][0]
     assert info["done_time"][0] == pytest.approx(1.104 + 0.3, abs=0.017)
-    assert info["taken"][0] == pytest.approx(0.5, rel=1e-12)  # of the ways in both directions
+    assert info["withheld_share"][0] == pytest.approx(0.5, rel=1e-12)  # of the ways in both directions
 
 
 def test_command_of_a_person_is_checked_and_sent_at_a_tick():

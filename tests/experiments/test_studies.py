@@ -218,7 +218,7 @@ def test_assistances_are_compared_in_the_same_scenarios(small):
     )
     assert less == pytest.approx(100.0 * (1.0 - policy / brake), abs=0.051)
     for who in teleop.ASSISTANCE[:3]:  # they do not change the command before the touch
-        assert rows[who]["taken"].max() == 0.0
+        assert rows[who]["withheld_share"].max() == 0.0
 
 
 def test_rate_counts_every_step_of_the_calls_made():

@@ -54,7 +54,7 @@ def step_once(plan, table, chain, double acceleration, bint flying, x, double h,
     cdef Events events
     cdef double error
     cdef int i, j
-    model_to_kernel(&given.mount, &model)
+    pack_model(&given.mount, &model)
     run.model, run.tables = &model, <const double *> memory_of(table)
     contact = &given.contact
     run.contact = contact_of(contact.stiffness, contact.nominal, contact.m, contact.n, contact.reference)

@@ -9,7 +9,7 @@ from scipy.linalg import expm
 from solver_scenes import random_mechanism, stored_energy
 
 import impact_gym as ig
-from impact_gym.to_kernel import pack_mount
+from impact_gym.pack import pack_mount
 
 TOOL_MASS = 0.125  # kg
 FREQUENCY = 35.0  # rad/s

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from solver_scenes import TABLE
 
 import impact_gym as ig
-from impact_gym.to_kernel import pack_approach
+from impact_gym.pack import pack_approach
 
 COUPLINGS = {"rigid": ig.Rigid(), "spring": ig.SpringDamper(150.0, 0.4), "bistable": ig.Bistable()}
 ROBOTS = {"": None, " on a robot": ig.Robot(5, 1e5, 100), " on a table": TABLE}

@@ -18,7 +18,7 @@ cpdef double rest_of(
         depth = lower
 
 
-cdef void model_to_kernel(const Mount *mount, ChainModel *model) noexcept nogil:
+cdef void pack_model(const Mount *mount, ChainModel *model) noexcept nogil:
     """Write the simplest chain that is equivalent to `mount` into `model`."""
     cdef const RobotNumbers *robot = &mount.robot
     memset(model, 0, sizeof(ChainModel))
@@ -39,11 +39,11 @@ cdef void model_to_kernel(const Mount *mount, ChainModel *model) noexcept nogil:
         model.damping_ratio = 0.5 * robot.damping / sqrt(robot.stiffness * model.tool_mass)
     else:
         model.kind = INTEGRATED_CHAIN
-        coupling_to_kernel(mount, model)
-        robot_to_kernel(mount, model)
+        pack_coupling(mount, model)
+        pack_robot(mount, model)
 
 
-cdef void coupling_to_kernel(const Mount *mount, ChainModel *model) noexcept nogil:
+cdef void pack_coupling(const Mount *mount, ChainModel *model) noexcept nogil:
     """Set the coupling of an integrated chain."""
     cdef const CouplingNumbers *given = &mount.coupling
     cdef double m = mount.tool_mass, stop_damping = 2.0 * given.stop_damping_ratio * sqrt(given.stop_stiffness * m)
@@ -64,7 +64,7 @@ cdef void coupling_to_kernel(const Mount *mount, ChainModel *model) noexcept nog
         )
 
 
-cdef void robot_to_kernel(const Mount *mount, ChainModel *model) noexcept nogil:
+cdef void pack_robot(const Mount *mount, ChainModel *model) noexcept nogil:
     """Set the robot's table in an integrated chain."""
     cdef const RobotNumbers *robot = &mount.robot
     if mount.robot_kind == ROBOT:
