@@ -55,7 +55,7 @@ def test_variants_start_from_the_users_own_and_nominal_numbers():
     nominal = {"tool_mass": 0.2, "robot": "rigid", "force_noise": 0.0}
     table = {"nominal": nominal, "varied": {"tool_mass": [0.1, 0.2], "force_noise": [3.0]}}
     expected = [(0.1, 0.0, False), (0.2, 0.0, True), (0.2, 3.0, False)]
-    varied = variants(Evaluation.of_table(table, environment), environment)
+    varied = variants(Evaluation.of_table(table, environment, own=False), environment)
     for change, (mass, noise, same) in zip(varied, expected, strict=True):
         task = Task(**change.environment)
         assert (task.tool_mass, task.force_noise, task.robot, task.alarm) == (mass, noise, None, "reading")
@@ -117,9 +117,36 @@ def test_set_up_extends_another_key_by_key(tmp_path):
     assert mine.environment == {**shipped_one.environment, "tool_mass": 0.2, "range_noise": 0.02}
     assert mine.training == replace(shipped_one.training, steps=5_000_000)
     assert mine.evaluation.varied == Evaluation.of_table({}, mine.environment).varied  # for the user's arm
-    assert (mine.title, mine.about, [*mine.tuned]) == ("Mine", "Mine", ["mine-profile"])
+    simple = [f"mine-{end}" for end in ("constant-speed", "threshold", "even-braking")]
+    assert (mine.title, mine.about, [*mine.tuned]) == ("Mine", "Mine", ["mine-profile", *simple])
     (tmp_path / "arm.toml").write_text('extends = "mine.toml"')
     refused(lambda: load_setup(tmp_path / "arm.toml"), "extends must", "got 'arm.toml'")
+
+
+def test_own_set_up_gets_simple_rivals_and_its_surroundings(tmp_path):
+    """Whatever its file names; a copy of a shipped set-up gets what that one has."""
+    own = {"environment": {"scenario": {"distance": [0.1, 0.6], "object_mass": [0.1, 3.2]}, "range_noise": 0.01},
+           "baselines": {"tuned": {"fast": "ConstantSpeed"}, "against": []},
+           "evaluation": {"varied": {"tool_mass": [0.2]}}}  # fmt: skip
+    (path := tmp_path / "own.toml").write_text(tomli_w.dumps(own))
+    setup, rivals = load_setup(path), ["own-threshold", "own-even-braking"]
+    assert ([*setup.tuned], [*setup.against]) == (["fast", *rivals], rivals)
+    varied = setup.evaluation.varied
+    assert varied["scenario.distance"] == [[0.05, 0.1], [0.6, 0.7]]  # a fifth of 0.5 m; not below half of 0.1 m
+    assert varied["scenario.object_mass"] == [[0.05, 0.1], [3.2, 6.4]]  # a fifth of 32, in logarithms
+    assert varied["scenario.restitution"] == [[0.05, 0.1]]  # none is above 1
+    assert (varied["range_bias"], varied["tool_mass"]) == ([-0.01, 0.0, 0.01], [0.2])
+    assert [each.ranges for each in variants(setup.evaluation, {})][:2] == [
+        {"distance": (0.05, 0.1)},
+        {"distance": (0.6, 0.7)},
+    ]
+    (copy := tmp_path / "linear-blind.toml").write_bytes(load_setup("linear-blind").path.read_bytes())
+    assert replace(load_setup(copy).evaluation, varied={}) == replace(load_setup("linear-blind").evaluation, varied={})
+    assert load_setup(copy).tuned == load_setup("linear-blind").tuned
+    assert not {name for name in load_setup(copy).evaluation.varied if name.startswith("scenario.")}
+    for wrong in ([[0.7, 0.6]], {"times": [2.0]}, [-0.1]):
+        path.write_text(tomli_w.dumps({"evaluation": {"varied": {"scenario.distance": wrong}}}))
+        refused(lambda: load_setup(path), "evaluation.varied.scenario.distance")
 
 
 @pytest.mark.parametrize("rule", RULES.values(), ids=RULES)
