@@ -77,9 +77,10 @@ def _tab(found: Analysis) -> Tab:
     note = [f"{comparison.name}: {comparison.note}."] * bool(comparison.note)
     caption = ("Policy and baselines are not trained or tuned again. A stiffer coupling keeps its damping ratio. "
                "Objects outside the training ranges are lighter, stiffer, less elastic and nearer")  # fmt: skip
-    last = sorted(comparison.rivals, key=lambda each: each.name == chosen.controller)  # the table has its misses
-    everyone = {comparison.words[each.name]: POLICY if each is comparison.policy else each.name for each in last}
-    changed = Table.joined(caption, robustness.rows(results, everyone))
+    words = comparison.words
+    everyone = {words[each.name]: POLICY if each is comparison.policy else each.name for each in comparison.rivals}
+    judged = words[chosen.controller] if words[chosen.controller] in everyone else POLICY
+    changed = Table.joined(caption, robustness.rows(results, everyone, judged))
     steps = ablation.table(found.steps, comparison.labels)
     sections = [
         Section("Choice: all controllers", [chosen.reason, found.aside, *note, choice.contestants(chosen, results)],

@@ -89,16 +89,18 @@ def _line(failures: Sequence[tuple[Row, str]]) -> str:
     return f"{factor[0].upper()}{factor[1:]}. {line[0].upper()}{line[1:]}."
 
 
-def rows(results: ComparisonResults, names: Mapping[str, str] | None = None) -> list[dict[str, str]]:
-    """Return a row for each change with mean costs (m/s), texts by heading; `names`: contestants by heading.
+def rows(
+    results: ComparisonResults, names: Mapping[str, str] | None = None, judged: str = "policy"
+) -> list[dict[str, str]]:
+    """Return a row for each change, texts by heading: mean costs (m/s), and the misses of `judged`.
 
-    The last column has the misses of the last contestant, by default the policy.
+    `names` maps a heading to each contestant; `judged` is one of these headings.
     """
     names, found = names or {"rule": PAPER, "main baseline": results.comparison.rival.name, "policy": POLICY}, []
-    *_, (last, judged) = names.items()
     for (factor, setting), group in outcomes(results).group_by("factor", "setting", maintain_order=True):
         each = {row["contestant"]: row for row in group.to_dicts()}
         row = {"set-up, change": f"{results.comparison.name}, {factor}: {setting}"}
         row |= {heading: f"{each[name]['loss']:.3f}" for heading, name in names.items()}
-        found.append(row | {f"missed by the {last}": f"{each[judged]['missed']} of {each[judged]['of']}"})
+        missed = each[names[judged]]
+        found.append(row | {f"missed by the {judged}": f"{missed['missed']} of {missed['of']}"})
     return found
