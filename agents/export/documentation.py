@@ -68,10 +68,7 @@ class Exported:
     """A controller to export: a policy, or a rule with its parameters for one time weight or several."""
 
     def __init__(self, controller: Policy | Rule, validation: Any = None, command: str = "", fails: str = "") -> None:
-        """Describe a controller. An empty `validation` (scores, JSON) or `command` comes from a policy's provenance.
-
-        Empty `fails`, words on where it fails: those of the shipped set-up for which a policy was trained.
-        """
+        """Describe a controller. Empty `validation` (JSON), `command` and `fails` come from a policy's provenance."""
         if not isinstance(controller, Policy | Rule):
             raise ValueError(f"controller must be a policy or a rule to be exported, got {type(controller).__name__}")
         self.controller, self.task = controller, controller.task
@@ -140,10 +137,7 @@ def _plain(value: Any) -> str:
 
 
 def failures(folder: Path, key: str) -> str:
-    """Return where a controller fails by the report in `folder`/report; "": it was not measured there.
-
-    `key` is the SHA-256 of a policy or of a tuned baseline, or the name of another baseline.
-    """
+    """Return where the controller with a checksum or name fails by the report in `folder`/report; "": not measured."""
     with suppress(OSError, LookupError, TypeError, ValueError, AttributeError):
         of_setups = json.loads((folder / "report" / "results.json").read_text())["runs"][-1]["numbers"]["fails"]
         (found,) = (fails[key] for fails in of_setups.values() if key in fails)

@@ -84,10 +84,7 @@ class Evaluation(Options):
         cls, content: Mapping[str, Any], environment: Mapping[str, Any], robot: Mapping[str, Any] | None = None,
         own: bool = True,
     ) -> "Evaluation":  # fmt: skip
-        """Return the evaluation in a file's table; TypeError, ValueError: a wrong entry.
-
-        For `robot` see `usual`; `own`: the file is a user's, so `varied` also gets `surroundings`.
-        """
+        """Return the evaluation in the table of a file (`own`: of a user); TypeError, ValueError: a wrong entry."""
         nominal = table(content, "nominal", "evaluation.")
         refuse_unknown("evaluation.nominal.", nominal, SET_UP_ARGUMENTS)
         nominal = {name: None if value == "rigid" else value for name, value in nominal.items()}
@@ -138,14 +135,10 @@ def surroundings(environment: Mapping[str, Any]) -> dict[str, Any]:
     varied, own = dict[str, Any](), task.by_path() | task.ranges
     for name in sorted(FIELDS, key=lambda each: each != "distance"):
         row, (low, high) = QUANTITIES[name], getattr(task.scenario, name)
-        if row.by_ratio(low):
-            factor = max((high / low) ** OUTSIDE, 1.0 + OUTSIDE)
-            below, beyond = low / factor, high * factor
-        else:
-            width = max(OUTSIDE * (high - low), 0.1 * high)
-            below, beyond = max(low - width, 0.5 * low), high + width
-        beyond = min(beyond, row.limits.at_most)
-        outside = (float(f"{below:.3g}"), low), (high, float(f"{beyond:.3g}"))
+        factor, width = max((high / low) ** OUTSIDE, 1.0 + OUTSIDE), max(OUTSIDE * (high - low), 0.1 * high)
+        ends = (low / factor, high * factor) if row.by_ratio(low) else (max(low - width, 0.5 * low), high + width)
+        below, beyond = (float(f"{min(end, row.limits.at_most):.3g}") for end in ends)
+        outside = (below, low), (high, beyond)
         varied[f"scenario.{name}"] = [[start, end] for start, end in outside if start < end]
     for noise, bias in (("range_noise", "range_bias"), ("range_sensor.noise", "range_sensor.bias")):
         if own.get(noise) is not None:

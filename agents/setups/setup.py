@@ -45,7 +45,7 @@ class Tuned(Options):
 
 
 SIMPLE = {"constant-speed": "ConstantSpeed", "threshold": "ThresholdBrake", "even-braking": "ConstantDeceleration"}
-"""Rules that each set-up of a user also tunes and compares, by the end of the baseline's name."""
+"""Rules that each set-up of a user also tunes and compares, by the end of the name, unless `against` is empty."""
 UNSAID = "not measured for this controller: run impact-gym controller, or impact-gym report and then impact-gym export"
 
 
@@ -177,12 +177,10 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
     distinct("baselines.against", against)
     beside = SHIPPED / path.name
     own = not (beside.is_file() and beside.read_bytes() == path.read_bytes())
-    if own:
+    if own and against:
         rules = {each.rule.__name__ for each in tuned.values()}
-        simple = {
-            f"{path.stem}-{end}": Tuned(RULES[rule], effort=0.5) for end, rule in SIMPLE.items() if rule not in rules
-        }
-        simple = {name: rule for name, rule in simple.items() if name not in tuned}
+        missing = {f"{path.stem}-{end}": rule for end, rule in SIMPLE.items() if rule not in rules}
+        simple = {name: Tuned(RULES[rule], effort=0.5) for name, rule in missing.items() if name not in tuned}
         tuned |= simple
         against = [*against, *(name for name in simple if name not in against)]
     title = text(content, "title", path.stem)

@@ -92,14 +92,12 @@ def numbers(found: Choice, results: ComparisonResults) -> list[tuple[str, str]]:
     ours, rule, episodes = runs.means(weight), results.paper.means(weight), runs[weight]
     touched = episodes.object_velocity[~episodes.missed]
     most = f"; 95 of 100 below {speed(float(np.quantile(touched, 0.95)))} m/s" if touched.size else ""
-    until = "all is done" if results.comparison.operated else "the touch"
-    time = f"mean time until {until}, T. Paper's rule: {rule['T']:.2f} s. A second counts as much as {weight:g} m/s"
+    words = "all is done" if results.comparison.operated else "the touch"
+    words = f"mean time until {words}, T. Paper's rule: {rule['T']:.2f} s. A second counts as much as {weight:g} m/s"
+    leave = f"mean final speed of the objects, V_p{most}. Paper's rule: {speed(rule['V'])} m/s"
     return [
-        (
-            f"{speed(ours['V'])} m/s",
-            f"mean final speed of the objects, V_p{most}. Paper's rule: {speed(rule['V'])} m/s",
-        ),
-        (f"{ours['T']:.2f} s", f"{time} (time weight w): the cost is V_p + w T"),
+        (f"{speed(ours['V'])} m/s", leave),
+        (f"{ours['T']:.2f} s", f"{words} (time weight w): the cost is V_p + w T"),
         (f"{ours['missed']:,} of {count:,}", f"objects missed. Paper's rule: {rule['missed']:,}"),
     ]
 

@@ -52,11 +52,6 @@ class Contestant:
     checksum: str  # SHA-256 of policy, tuned baseline, clairvoyant parameters or the user's module; "": a fixed rule
 
     @property
-    def key(self) -> str:
-        """The checksum, or the name of a fixed baseline."""
-        return self.checksum or str(self.controller.get("baseline", self.name))
-
-    @property
     def label(self) -> str:
         """POLICY, or the plain name of a shipped baseline with `name` in brackets, or `name`."""
         ((kind, content),) = self.controller.items()

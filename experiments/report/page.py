@@ -52,8 +52,8 @@ class Analysis:
         short = summary.assisted(results) if operated else summary.sentence(self.summary, self.comparison)
         self.aside = short  # at the time of the paper's rule
         self.fails = robustness.where_it_fails(results, self.choice.controller)
-        self.each_fails = {each.key: " ".join(robustness.where_it_fails(results, each.name)[1:])
-                           for each in self.comparison.rivals}  # fmt: skip
+        rivals = {each.checksum or each.controller.get("baseline", ""): each.name for each in self.comparison.rivals}
+        self.each_fails = {key: " ".join(robustness.where_it_fails(results, name)[1:]) for key, name in rivals.items()}
 
 
 def analyse(comparisons: Sequence[Comparison], own: bool, frames: Frames) -> Findings:
@@ -139,10 +139,9 @@ def _scenarios(scenarios: Mapping[str, Any]) -> str:
 
 
 def watch(results: ComparisonResults, recommended: str) -> dict[str, dict[str, Any]]:
-    """Return films at the typical weight of the paper's rule beside another contestant, by its label.
+    """Return films of the rule beside each other contestant, first the recommended, by label, at the typical weight.
 
-    The first film has the recommended controller (if it is the rule, the policy), and all notable scenarios; the films
-    of the others have its first scenarios.
+    The films after the first show only its first scenarios.
     """
     comparison, weight = results.comparison, results.comparison.typical
     frozen, task = frozen_of(comparison.scenarios), Task(**comparison.environment)

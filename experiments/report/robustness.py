@@ -89,9 +89,7 @@ def _line(failures: Sequence[tuple[Row, str]]) -> str:
     return f"{factor[0].upper()}{factor[1:]}. {line[0].upper()}{line[1:]}."
 
 
-def rows(
-    results: ComparisonResults, names: Mapping[str, str] | None = None, judged: str = "policy"
-) -> list[dict[str, str]]:
+def rows(results: ComparisonResults, names: Mapping[str, str] | None = None, judged: str = "policy") -> list[Row]:
     """Return a row for each change, texts by heading: mean costs (m/s), and the misses of `judged`.
 
     `names` maps a heading to each contestant; `judged` is one of these headings.

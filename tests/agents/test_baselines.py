@@ -67,11 +67,9 @@ def test_ranged_arrives_at_the_estimate_with_the_tuned_speed():
 
 
 def test_threshold_brake_reacts_to_the_force_and_not_to_the_alarm():
-    rule, spec = ThresholdBrake([0.5, 4.0, 9.0, 3.0]), ObservationSpec(Task())
+    rule, spec, seen = ThresholdBrake([0.5, 4.0, 9.0, 3.0]), ObservationSpec(Task()), np.zeros(8, np.float32)
     for force, alarm, expected in ((2.9, 1.0, (0.5, 4.0)), (3.1, 0.0, (0.0, 9.0))):
-        seen = np.zeros(len(spec), np.float32)
-        for name, value in {"force_peak": force, "alarm": alarm}.items():
-            seen[spec.index(name)] = spec.encode(name, value)
+        seen[spec.index("force_peak")], seen[spec.index("alarm")] = spec.encode("force_peak", force), alarm
         assert Task().action.decode(rule.predict(seen)[0]) == pytest.approx(expected, abs=1e-5)
 
 

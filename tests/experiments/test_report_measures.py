@@ -295,9 +295,7 @@ def test_place_outside_the_range_is_named_first(far, light, facts):
     assert called == "the tuned constant speed"
     assert [fact for fact in facts if fact not in worst] == []
     assert worst.startswith(facts[0]) or not far
-    assert (
-        "objects nearer than in the set-up: 0.05 to 0.1 m; objects farther than in the set-up: 0.6 to 0.7 m" in details
-    )
+    assert "nearer than in the set-up: 0.05 to 0.1 m; objects farther than in the set-up: 0.6 to 0.7 m" in details
 
 
 def test_worst_change_comes_first_and_misses_count_by_share():
