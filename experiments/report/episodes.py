@@ -128,7 +128,7 @@ def weight_at_rule_time(controller: JSON, environment: JSON, scenarios: JSON, we
     return high
 
 
-def ranges_of(scenarios: JSON) -> dict[str, Sequence[float]]:
+def ranges_of(scenarios: JSON) -> Mapping[str, Sequence[float]]:
     """Return the ranges from which scenarios are drawn, by field; of a table, the ranges of its columns."""
     if "table" in scenarios:
         return {name: (min(column), max(column)) for name, column in scenarios["table"].items()}
