@@ -16,7 +16,7 @@ from agents.evaluate.play import controller_of, environment_and_scenarios, pairs
 from agents.evaluate.scenario_batch import TEST_SEED
 from agents.policies import Policy, load_ensemble, load_policy
 from agents.setups import TUNED, Setup, load_setup, shipped, shipped_baselines
-from agents.setups.evaluation import Evaluation
+from agents.setups.evaluation import Evaluation, surroundings
 from agents.setups.keys import prefixed_errors
 from agents.setups.tuned import BOUND_SET, bound_of, read_tuned
 from impact_gym.support.provenance import digest_of
@@ -217,7 +217,8 @@ def of_policies(
             note += f"; its baselines were tuned for {setup.name}, not for this environment"
         bound = clairvoyant(setup, of_environment) if setup and not changes else None
         evaluation = setup.evaluation if setup else Evaluation.of_table({}, trained_in)
-        evaluation = replace(evaluation, typical=time_weight or evaluation.typical)
+        varied = {**surroundings(trained_in), **evaluation.varied}
+        evaluation = replace(evaluation, typical=time_weight or evaluation.typical, varied=varied)
         rivals = baselines(names or (setup.against if setup else ()), environment, evaluation.typical)
         seeds = _seeds({name: policy}, name, evaluation, time_weight)
         about = seeds, name, rivals, of_environment, note, evaluation, bound
