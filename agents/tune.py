@@ -95,7 +95,8 @@ class Tune(Options):
 
     def search(self, name: str, setup: Setup) -> dict[str, Any]:
         """Return the settings of the search for a baseline; the baseline's file records these settings."""
-        budget, baseline = setup.budget if self.budget is None else self.budget, setup.tuned[name]
+        baseline = setup.tuned[name]
+        budget = math.ceil(baseline.effort * (setup.budget if self.budget is None else self.budget))
         scenarios = baseline.scenarios if self.scenarios is None else self.scenarios
         settings = {"scenarios": scenarios, "budget": budget, "population": self.population, "seed": self.seed}
         more = {"clean_alarm": baseline.clean_alarm, "jitter": baseline.jitter}
@@ -128,7 +129,8 @@ def tune(options: Tune) -> list[Path]:
         name, setup, weight = missing[place]
         numbers = zip(setup.tuned[name].rule.names(), result["parameters"], strict=True)
         search, where = options.search(name, setup), ((setup.cli_name,), (name,), (weight,))
-        alone = Tune(*where, search["scenarios"], search["budget"], options.population, options.seed)
+        budget = setup.budget if options.budget is None else options.budget
+        alone = Tune(*where, search["scenarios"], budget, options.population, options.seed)
         made = {"search": search, "command": command_of("tune", alone)}
         made |= {"versions": machine_and_versions("impact-gym", "cma", "numpy", "scipy")["versions"]}
         with locked(options.folder(setup) / LOCK):  # meanwhile another process may have tuned other weights

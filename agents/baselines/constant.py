@@ -39,6 +39,18 @@ class ConstantSpeed(Rule, tunable=True):
         return np.where(view.alarm, 0.0, self["speed"]), change
 
 
+class ThresholdBrake(Rule, tunable=True):
+    """Approach at one speed; once a sensed force has exceeded a threshold, brake to rest."""
+
+    PARAMETERS = (*ConstantSpeed.PARAMETERS, Parameter("threshold", "N", 0.1, 100.0, 2.0))
+
+    def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
+        """Return the commanded velocity (m/s) and the acceleration (m/s^2)."""
+        touched = view["force_peak"] > self["threshold"]
+        change = np.where(touched, self["deceleration"], self["acceleration"])
+        return np.where(touched, 0.0, self["speed"]), change
+
+
 class PaperTrapezoid(ConstantSpeed, name="paper-trapezoid"):
     """The paper's rule (section 3.2): accelerate at 8 m/s^2 to 1 m/s; during the alarm, brake at 8 m/s^2 to rest."""
 

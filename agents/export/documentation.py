@@ -2,8 +2,10 @@
 
 import json
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import asdict
 from functools import cached_property
+from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -40,6 +42,20 @@ ALARMS = {
     "reading": "the alarm is on or off as read; during the alarm, the time since the alarm advances with the time",
     "force": "the alarm stays on, and the time since the alarm advances with the time",
 }
+COORDINATES = (
+    "the flange is at position 0 and at rest when an approach begins; positions, velocities and distances are positive "
+    "towards the object; the distance of an object is the gap between the faces of tool and object when the approach "
+    "begins; a force is positive if tool and object press against each other"
+)
+OF_SENSORS = {
+    "distance_estimate": "distance_estimate is the estimate of that gap minus the present position",
+    "range": "range is the gap between the faces when it was read, range_age is the age of the reading",
+    "deflection": "deflection is the tool's displacement from its place at rest on the flange, positive to the object",
+}
+LIMITS = (
+    "made for the objects, the delay and the arm that are listed below; outside of these ranges it was neither tuned "
+    "nor trained: it may miss objects, or hit them at up to {:g} m/s"
+)
 OPERATOR = (
     "the flange's velocity is gain * u - withdrawal, where u is the operator's command; the withdrawal is complete for "
     "{:g} s after an alarm, and then fades over {:g} s; if u is 0 or missing, or no command has come for {:g} s, the "
@@ -51,8 +67,8 @@ OPERATOR = (
 class Exported:
     """A controller to export: a policy, or a rule with its parameters for one time weight or several."""
 
-    def __init__(self, controller: Policy | Rule, validation: Any = None, command: str = "") -> None:
-        """Describe a controller. An empty `validation` (scores, JSON) or `command` comes from a policy's provenance."""
+    def __init__(self, controller: Policy | Rule, validation: Any = None, command: str = "", fails: str = "") -> None:
+        """Describe a controller. Empty `validation` (JSON), `command` and `fails` come from a policy's provenance."""
         if not isinstance(controller, Policy | Rule):
             raise ValueError(f"controller must be a policy or a rule to be exported, got {type(controller).__name__}")
         self.controller, self.task = controller, controller.task
@@ -64,7 +80,7 @@ class Exported:
         self.validation = validation or provenance.get("validation")
         settings = provenance.get("settings", {})
         name = settings.get("setup", settings.get("preset"))
-        self.fails = load_setup(name).fails if name in shipped() else UNSAID
+        self.fails = fails or (load_setup(name).fails if name in shipped() else UNSAID)
 
     def at(self, time_weight: ArrayLike) -> Policy | Rule:
         """Return the controller for a time weight (m/s per s), or for the time weight of each row of a batch."""
@@ -84,6 +100,10 @@ class Exported:
         yield "kind", "network" if self.policy else type(self.controller).__name__
         yield "version", f"impact-gym {version('impact-gym')}"
         yield "made_by", self.command
+        yield "limits", LIMITS.format(max(map(abs, task.velocity_range)))
+        yield "fails", self.fails
+        read = (OF_SENSORS[each] for each in self.spec.sensors if each in OF_SENSORS)
+        yield "coordinates", "; ".join([COORDINATES, *read])
         yield "calls", CALLS
         yield "resets", RESETS.format("its input" if self.policy else "time_weight")
         yield "missing", MISSING.format(ALARMS[task.alarm])
@@ -101,7 +121,6 @@ class Exported:
         yield "objects", {name: {"low": low, "high": high, "unit": QUANTITIES[name].unit}
                           for name, (low, high) in task.scenario.by_id().items()}  # fmt: skip
         yield "environment", task.arguments()
-        yield "fails", self.fails
         yield "validation", self.validation or "unknown"
         yield "sensors", self.spec.sensors
         for place, entry in enumerate(self.spec.entries):
@@ -117,16 +136,26 @@ def _plain(value: Any) -> str:
     return text.replace("*/", "*\\u002f").replace("/*", "/\\u002a").replace("??", "?\\u003f")
 
 
+def failures(folder: Path, key: str) -> str:
+    """Return where the controller with a checksum or name fails by the report in `folder`/report; "": not measured."""
+    with suppress(OSError, LookupError, TypeError, ValueError, AttributeError):
+        of_setups = json.loads((folder / "report" / "results.json").read_text())["runs"][-1]["numbers"]["fails"]
+        (found,) = (fails[key] for fails in of_setups.values() if key in fails)
+        return str(found)
+    return ""
+
+
 def of_baseline(name: str, setup: Setup | None = None, folder: Path | None = None) -> Exported:
     """Return a tuned baseline, by its name or file (see `read_tuned`), or one of FIXED for the task of `setup`."""
     if name in FIXED:
         rule = FIXED[name]()
-        return Exported(rule.for_task(setup.task) if setup else rule)
+        return Exported(rule.for_task(setup.task), fails=failures(setup.path.parent, name)) if setup else Exported(rule)
     content = read_tuned(name, folder, setup)
     validation = {weight: found.get("validation") for weight, found in content["weights"].items()}
     made_for = setup_tuning(content["baseline"], setup)
     command = f"impact-gym tune {made_for.cli_name} --names {content['baseline']}" if made_for else "impact-gym tune"
-    return Exported(tuned_rule(content), validation, command)
+    fails = failures((folder or Path(name).parent).parent, content["sha256"])
+    return Exported(tuned_rule(content), validation, command, fails)
 
 
 def of_name(name: str, setup: Setup | None = None) -> Exported:
@@ -141,7 +170,13 @@ def of_name(name: str, setup: Setup | None = None) -> Exported:
         raise ValueError(f"{name} is a set-up: add --all, or name a controller")
     if not Path(name).exists() and name not in shipped():
         raise ValueError(nearest("controller", name, [*shipped(), *FIXED, *shipped_baselines()]))
-    return Exported(load_policy(name))
+    return of_policy(Path(name))
+
+
+def of_policy(path: Path) -> Exported:
+    """Return the policy in a file `path`, or the shipped policy with this name."""
+    policy = load_policy(path)
+    return Exported(policy, fails=failures(path.parent.parent, sha256(policy.to_bytes()).hexdigest()))
 
 
 def of_setup(setup: Setup, folder: Path | None = None) -> dict[str, Exported]:
@@ -155,7 +190,7 @@ def of_setup(setup: Setup, folder: Path | None = None) -> dict[str, Exported]:
         except ValueError as reason:
             print(f"{name} is left out: {reason}")
     if (path := folder / "policies" / f"{setup.name}.npz").is_file():
-        found[setup.name] = Exported(load_policy(path))
+        found[setup.name] = of_policy(path)
     else:
         remedy = f"run impact-gym train {setup.cli_name} --seeds {setup.seeds} --policies {path.parent}"
         print(f"{setup.name} is left out: there is no {path}; {remedy}")

@@ -9,8 +9,10 @@ from typing import Annotated, Any
 from agents.setups.keys import from_table, prefixed_errors, refuse_unknown, table
 from impact_gym.couplings import SpringDamper
 from impact_gym.parameters import SI, Options
-from impact_gym.support.validation import distinct, interval, number, shown
+from impact_gym.quantities import QUANTITIES
+from impact_gym.support.validation import Range, distinct, interval, number, one_of, shown
 from impact_gym.task import ScenarioRanges, Task, evaluation_sets
+from impact_gym.task.scenario import FIELDS
 from impact_gym.task.task import ARGUMENTS
 
 Weights = Annotated[tuple[float, ...], SI("m/s per s", above=0)]
@@ -19,6 +21,9 @@ RESERVED = ("time_weight", "privileged", "max_episode_steps")
 """Arguments of the environment that a set-up must not have."""
 SET_UP_ARGUMENTS = tuple(name for name in ARGUMENTS if name not in RESERVED)
 AS_TRAINED = "as trained"
+OUTSIDE = 0.2  # width of a range of `surroundings`, as a fraction of the set-up's range
+LEAST_BIAS = 0.005  # m, smallest bias of a distance in `surroundings`
+FORCE_BIASES = (0.0, 0.5, 1.0)  # N, added to the set-up's standard deviation in `surroundings`
 
 COMPLIANT = {"type": "Robot", "mass": 5.225, "stiffness": 1.9e5, "damping": 50.4}  # origin: docs/provenance.md
 VARIED: Mapping[str, Any] = {
@@ -59,7 +64,8 @@ class Evaluation(Options):
     """Number of scenarios to play, from the first of the set on."""
     varied: Mapping[str, Any] = field(default_factory=lambda: usual({}, COMPLIANT))
     """Values of arguments, such as robot.stiffness; one argument is changed at a time. An argument has a list of values
-    or a table {times = [...]} of multiples of the set-up's value. For `scenario`: names of sets, or "as trained"."""
+    or a table {times = [...]} of multiples of the set-up's value. For `scenario`: names of sets, or "as trained"; for
+    scenario.distance and the other numbers of a scenario: ranges. A user's set-up always gets `surroundings`, too."""
     nominal: Mapping[str, Any] = field(default_factory=dict)
     """Values of arguments that replace the set-up's values or ranges in all variations of `varied`. In a file, robot =
     "rigid" means no robot compliance."""
@@ -75,9 +81,10 @@ class Evaluation(Options):
 
     @classmethod
     def of_table(
-        cls, content: Mapping[str, Any], environment: Mapping[str, Any], robot: Mapping[str, Any] | None = None
-    ) -> "Evaluation":
-        """Return the evaluation in a file's table; TypeError, ValueError: a wrong entry. For `robot` see `usual`."""
+        cls, content: Mapping[str, Any], environment: Mapping[str, Any], robot: Mapping[str, Any] | None = None,
+        own: bool = True,
+    ) -> "Evaluation":  # fmt: skip
+        """Return the evaluation in the table of a file (`own`: of a user); TypeError, ValueError: a wrong entry."""
         nominal = table(content, "nominal", "evaluation.")
         refuse_unknown("evaluation.nominal.", nominal, SET_UP_ARGUMENTS)
         nominal = {name: None if value == "rigid" else value for name, value in nominal.items()}
@@ -88,7 +95,10 @@ class Evaluation(Options):
             list(changes(name, values, environment, strict=True))
         count = evaluation_sets.load(content.get("set", cls.set)).count
         defaults = {"varied": usual(environment, robot), "scenarios": min(cls.scenarios, count)}
-        return from_table(cls, {**defaults, **content, "nominal": nominal}, "evaluation")
+        content = {**defaults, **content, "nominal": nominal}
+        if own:
+            content["varied"] = {**surroundings(environment), **content["varied"]}
+        return from_table(cls, content, "evaluation")
 
 
 def usual(environment: Mapping[str, Any], robot: Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -113,6 +123,33 @@ def usual(environment: Mapping[str, Any], robot: Mapping[str, Any] | None = None
     return {name: values for name, values in varied.items() if values}
 
 
+def surroundings(environment: Mapping[str, Any]) -> dict[str, Any]:
+    """Return ranges of objects just below and just beyond those of an environment, and biases of its sensors.
+
+    The place comes first. A range that is outside has a fifth of the width of the environment's range, in logarithms
+    for numbers that are drawn log-uniformly. A distance sensor gets a bias of either sign by the standard deviation of
+    its error; the bias of the force reading is drawn, with either sign.
+    """
+    with warnings.catch_warnings(action="ignore", category=UserWarning):
+        task = Task(**environment)
+    varied, own = dict[str, Any](), task.by_path() | task.ranges
+    for name in sorted(FIELDS, key=lambda each: each != "distance"):
+        row, (low, high) = QUANTITIES[name], getattr(task.scenario, name)
+        factor, width = max((high / low) ** OUTSIDE, 1.0 + OUTSIDE), max(OUTSIDE * (high - low), 0.1 * high)
+        ends = (low / factor, high * factor) if row.by_ratio(low) else (max(low - width, 0.5 * low), high + width)
+        below, beyond = (float(f"{min(end, row.limits.at_most):.3g}") for end in ends)
+        outside = (below, low), (high, beyond)
+        varied[f"scenario.{name}"] = [[start, end] for start, end in outside if start < end]
+    for noise, bias in (("range_noise", "range_bias"), ("range_sensor.noise", "range_sensor.bias")):
+        if own.get(noise) is not None:
+            step = max(*QUANTITIES[noise].interval(own[noise]), LEAST_BIAS)
+            low, high = QUANTITIES[bias].interval(own[bias])
+            varied[bias] = [round(low - step, 6), *([low] if low == high else []), round(high + step, 6)]
+    _, most = QUANTITIES["force_bias"].interval(own["force_bias"])
+    varied["force_bias"] = [round(most + more, 6) for more in FORCE_BIASES]
+    return varied
+
+
 @dataclass(frozen=True)
 class Change:
     """One change of an environment."""
@@ -124,6 +161,7 @@ class Change:
     environment: Mapping[str, Any]  # arguments of the environment after the change
     scenarios: str = ""  # name of the evaluation set to play; empty: `Evaluation.set`
     same: bool = False  # whether the new value equals the environment's own value
+    ranges: Mapping[str, Range] = field(default_factory=dict)  # ranges of scenarios that replace those of the set-up
 
 
 def variants(evaluation: Evaluation, environment: Mapping[str, Any]) -> list[Change]:
@@ -144,6 +182,14 @@ def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool
             f"{where} must be a list of one or more values or a table {{ times = [...] }}, got {shown(values)}"
         )
     distinct(where, list(map(_label, listed)))
+    of_scenario = name.removeprefix("scenario.")
+    if of_scenario in FIELDS and of_scenario != name:
+        one_of(where, values, list)
+        for pair in listed:
+            low, high = QUANTITIES[of_scenario].interval(pair, where)
+            label = f"{low:g} to {high:g} {QUANTITIES[of_scenario].unit}".removesuffix(" -")
+            yield Change(name, label, 0.5 * (low + high), False, environment, ranges={of_scenario: (low, high)})
+        return
     if name == "scenario":
         for scenarios in listed:
             same = scenarios == AS_TRAINED
@@ -153,8 +199,9 @@ def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool
         return
     task = Task(**environment)
     given = {path: value for path, value in task.by_path().items() if path.partition(".")[0] in SET_UP_ARGUMENTS}
+    known = [*(f"scenario.{field}" for field in FIELDS), *(given | dict.fromkeys(MAY_BE_NONE))]
     if strict:
-        refuse_unknown("evaluation.varied.", [name], ["scenario", *(given | dict.fromkeys(MAY_BE_NONE))])
+        refuse_unknown("evaluation.varied.", [name], ["scenario", *known])
     if given.get(name) is None and name not in MAY_BE_NONE:
         return
     for value in listed:

@@ -41,9 +41,12 @@ class Tuned(Options):
     clean_alarm: bool = False  # whether the exact contact force raises the alarm in search and validation
     jitter: Share = 0.0  # standard deviation of errors added to actions in the search, as a fraction of their range
     scenarios: Count = 300  # number of scenarios that each candidate plays in the search
+    effort: Share = 1.0  # fraction of `Setup.budget` that the search uses
 
 
-UNSAID = "see the report: impact-gym controller also writes one, else run impact-gym report"
+SIMPLE = {"constant-speed": "ConstantSpeed", "threshold": "ThresholdBrake", "even-braking": "ConstantDeceleration"}
+"""Rules that each set-up of a user also tunes and compares, by the end of the name, unless `against` is empty."""
+UNSAID = "not measured for this controller: run impact-gym controller, or impact-gym report and then impact-gym export"
 
 
 @dataclass(frozen=True)
@@ -65,6 +68,7 @@ class Setup(Options):
     path: Path = Path()
     mixed: tuple[tuple[float, Mapping[str, Any]], ...] = ()  # pairs: share of training environments, changed arguments
     seeds: Annotated[int, SI("-", at_least=1, at_most=10_000)] = 10  # number of trainings, with seeds from 0 on
+    own: bool = False  # whether the file is a user's, and no copy of a shipped one
 
     def make(self, **more: Any) -> gym.Env[Any, Any]:
         """Return the set-up's Gymnasium environment; arguments in `more` replace those of the set-up."""
@@ -186,6 +190,14 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
     if not isinstance(against, list) or not all(isinstance(name, str) for name in against):
         raise ValueError(f"baselines.against must be a list of names, got {shown(against)}")
     distinct("baselines.against", against)
+    beside = SHIPPED / path.name
+    own = not (beside.is_file() and beside.read_bytes() == path.read_bytes())
+    if own and against:
+        rules = {each.rule.__name__ for each in tuned.values()}
+        missing = {f"{path.stem}-{end}": rule for end, rule in SIMPLE.items() if rule not in rules}
+        simple = {name: Tuned(RULES[rule], effort=0.5) for name, rule in missing.items() if name not in tuned}
+        tuned |= simple
+        against = [*against, *(name for name in simple if name not in against)]
     title = text(content, "title", path.stem)
     mixed = _mixed(training.pop("mixed", []), task)
     counts = {name: of.pop(name) for name, of in (("seeds", training), ("budget", baselines)) if name in of}
@@ -193,13 +205,13 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
     with prefixed_errors("training"):
         shares = settings.nominal + sum(share for share, _ in mixed)
         number("nominal and the shares in mixed, added up,", shares, "-", at_most=1)
-    asked = Evaluation.of_table(evaluation, environment, COMPLIANT if path.parent == SHIPPED else None)
+    asked = Evaluation.of_table(evaluation, environment, COMPLIANT if path.parent == SHIPPED else None, own)
     if settings.nominal and not asked.nominal:
         raise ValueError(f"training.nominal must be 0 without a table [evaluation.nominal], got {settings.nominal!r}")
     setup = Setup(
         path.stem, title, text(content, "about", title), environment, settings, tuned, tuple(against),
         text(baselines, "bound", path.stem, "baselines."), evaluation=asked, fails=text(content, "fails", UNSAID),
-        path=path, mixed=mixed, **counts,
+        path=path, mixed=mixed, own=own, **counts,
     )  # fmt: skip
     _check_names_and_weights(setup, evaluation)
     return setup

@@ -33,6 +33,11 @@
     });
   }
 
+  for (const select of document.querySelectorAll("select.beside")) {
+    const films = [...select.closest(".films").querySelectorAll(":scope > div")];
+    select.addEventListener("change", () => films.forEach((film, k) => { film.hidden = k !== select.selectedIndex; }));
+  }
+
   // A link opens the tab and the folded parts that contain its target.
   const follow = () => {
     const target = document.getElementById(decodeURIComponent(location.hash.slice(1)));

@@ -87,8 +87,9 @@ class Tab:
     warning: str  # why the tab is not for decisions; "": it is
     fails: tuple[str, str, str]  # a controller, where it fails in one line, and details
     chart: Picture
-    film: Markup
+    films: Mapping[str, Markup]  # by label; the page shows the first, and the reader chooses another
     sections: Sequence[Section]
+    numbers: Sequence[tuple[str, str]] = ()  # each with its words
 
 
 def percent(share: Estimate, digits: int = 1) -> str:

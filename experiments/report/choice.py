@@ -11,8 +11,9 @@ import numpy as np
 
 from experiments.lab.parts import Table, percent
 from experiments.lab.statistics import Estimate, Floats, Resamples, estimate, reduction
-from experiments.report.comparisons import POLICY, Comparison, Contestant
+from experiments.report.comparisons import PAPER, POLICY, Comparison, Contestant
 from experiments.report.episodes import ComparisonResults
+from impact_gym.task import Task
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,8 @@ class Choice:
     cost: Estimate  # mean of V_p + w T + cost of a miss, m/s
     above: Mapping[str, Estimate]  # fraction by which the cost of each other contestant is above `cost`, by name
     missed: int  # number of objects that the recommended controller misses
-    sentence: str
+    sentence: str  # what to take, and what it brings, in words
+    reason: str  # its cost, and the costs of the others
 
 
 def simplest_first(comparison: Comparison) -> list[Contestant]:
@@ -52,19 +54,59 @@ def choice(results: ComparisonResults) -> Choice:
     costs = {each: resamples.means(results.runs[each][weight].loss(weight)) for each in names}
     cost, missed = estimate(costs[name]), int(results.runs[name][weight].missed.sum())
     above = {each: -reduction(costs[each], costs[name]) for each in names if each != name}
-    rivals = (each.name for each in comparison.rivals if each.name != name)
-    compared = "".join(f"; {labels[each]} {_difference(above[each])}" for each in rivals)
-    misses = f" It misses {missed} of {resamples.scenarios:,} objects." if missed else ""
-    sentence = f"Take the {labels[name]}. It costs V_p + {weight:g} T = {cost.value:.3f} m/s{compared}.{misses}"
-    return Choice(name, weight, cost, above, missed, sentence)
+    other = comparison.chosen if name != comparison.chosen else comparison.rival.name
+    others = [f"{labels[each]}: {_difference(above[each])}" for each in names if each != name]
+    reason = f"Its cost, V_p + {weight:g} T and the cost of misses, is {cost.value:.3f} m/s. {'; '.join(others)}."
+    sentence = f"Take the {comparison.words[name]}. {effect(results, name)}"
+    if other != name:
+        sentence += f" The {comparison.words[other]} {_difference(above[other], exact=False)}."
+    return Choice(name, weight, cost, above, missed, sentence, reason)
 
 
-def _difference(above: Estimate) -> str:
-    if above.low > 0.0:
-        return f"{percent(above)} more"
-    if above.high < 0.0:
-        return f"{percent(-above)} less here, but not in the scenarios of the choice"
-    return f"no significant difference ({percent(above)})"
+def effect(results: ComparisonResults, name: str) -> str:
+    """Return what a contestant brings, against the paper's rule: speed of the objects, time, missed objects."""
+    comparison, weight, count = results.comparison, results.comparison.typical, results.resamples.scenarios
+    ours, rule = (results.runs[each].means(weight) for each in (name, PAPER))
+    leave = "Objects reach" if Task(**comparison.environment).friction else "Objects leave at"
+    until = "all is done" if comparison.operated else "are touched"
+    text, later = f"{leave} {speed(ours['V'])} m/s", round(1e3 * (ours["T"] - rule["T"]))
+    if name == PAPER or rule["missed"] == count:
+        text += f", and {until} after {ours['T']:.2f} s."
+    else:
+        when = f"{abs(later)} ms {'later' if later > 0 else 'sooner'}" if later else "as soon"
+        text += f" instead of {speed(rule['V'])}, and {until} {when}."
+    if ours["missed"] or rule["missed"]:
+        of_rule = "" if name == PAPER else f", the paper's rule {rule['missed']:,}"
+        text += f" It misses {ours['missed']:,} of {count:,} objects{of_rule}."
+    return text
+
+
+def speed(value: float) -> str:
+    """Return a speed (m/s) as text, with two decimals, or three below 0.1 m/s."""
+    return f"{value:.{2 if value >= 0.1 else 3}f}"
+
+
+def numbers(found: Choice, results: ComparisonResults) -> list[tuple[str, str]]:
+    """Return the three numbers of the first screen, each with its words: speed of the objects, time, misses."""
+    weight, count, runs = found.time_weight, results.resamples.scenarios, results.runs[found.controller]
+    ours, rule, episodes = runs.means(weight), results.paper.means(weight), runs[weight]
+    touched = episodes.object_velocity[~episodes.missed]
+    most = f"; 95 of 100 below {speed(float(np.quantile(touched, 0.95)))} m/s" if touched.size else ""
+    words = "all is done" if results.comparison.operated else "the touch"
+    words = f"mean time until {words}, T. Paper's rule: {rule['T']:.2f} s. A second counts as much as {weight:g} m/s"
+    leave = f"mean final speed of the objects, V_p{most}. Paper's rule: {speed(rule['V'])} m/s"
+    return [
+        (f"{speed(ours['V'])} m/s", leave),
+        (f"{ours['T']:.2f} s", f"{words} (time weight w): the cost is V_p + w T"),
+        (f"{ours['missed']:,} of {count:,}", f"objects missed. Paper's rule: {rule['missed']:,}"),
+    ]
+
+
+def _difference(above: Estimate, exact: bool = True) -> str:
+    if above.low <= 0.0 <= above.high:
+        return f"no significant difference ({percent(above)})" if exact else "does as well, no better"
+    size = percent(above if above.low > 0.0 else -above) if exact else f"costs {100 * abs(above.value):.1f} %"
+    return f"{size} {'more' if above.low > 0.0 else 'less here, but not in the scenarios of the choice'}"
 
 
 def row(found: Choice, results: ComparisonResults) -> dict[str, str]:

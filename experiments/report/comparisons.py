@@ -16,7 +16,7 @@ from agents.evaluate.play import controller_of, environment_and_scenarios, pairs
 from agents.evaluate.scenario_batch import TEST_SEED
 from agents.policies import Policy, load_ensemble, load_policy
 from agents.setups import TUNED, Setup, load_setup, shipped, shipped_baselines
-from agents.setups.evaluation import Evaluation
+from agents.setups.evaluation import Evaluation, surroundings
 from agents.setups.keys import prefixed_errors
 from agents.setups.tuned import BOUND_SET, bound_of, read_tuned
 from impact_gym.support.provenance import digest_of
@@ -29,6 +29,7 @@ POLICY = "learned policy"
 BOUND = "clairvoyant search"
 RULES = {  # for the class of a tuned baseline its name for readers, and what it adds to the rules above it
     "ConstantSpeed": ("tuned constant speed", "the arm's limits"),
+    "ThresholdBrake": ("rule with tuned speed and threshold", "the choice of a threshold"),
     "ConstantDeceleration": ("tuned even braking", "knowing where objects can stand"),
     "BlindProfile": ("tuned profile", "the profile's shape"),
     "DetectorProfile": ("tuned profile with a detector", "a contact detector"),
@@ -74,6 +75,7 @@ class Comparison:
     evaluation: Evaluation = field(default_factory=Evaluation)
     bound: Contestant | None = None  # the clairvoyant search: a controller that knows the object
     title: str = ""
+    own: bool = False  # whether set-up or policy are the user's; all contestants then play under all changes
 
     @property
     def operated(self) -> bool:
@@ -84,6 +86,13 @@ class Comparison:
     def labels(self) -> dict[str, str]:
         """Labels of the baselines and of the median seed, by name."""
         return {each.name: each.label for each in (*self.baselines, self.policy)}
+
+    @property
+    def words(self) -> dict[str, str]:
+        """The labels for sentences: without the name in brackets, if no other contestant has the same words."""
+        short = {name: label.partition(" (")[0] for name, label in self.labels.items()}
+        twice = {words for words in short.values() if [*short.values()].count(words) > 1}
+        return {name: self.labels[name] if words in twice else words for name, words in short.items()}
 
     @property
     def policy(self) -> Contestant:
@@ -97,8 +106,8 @@ class Comparison:
 
     @property
     def rivals(self) -> list[Contestant]:
-        """The contestants shown in detail: the paper's rule, the rival if there is one, and the median seed."""
-        return [*self.baselines[:2], self.policy]
+        """The contestants under changes: the paper's rule, the rival if there is one (`own`: all), the median seed."""
+        return [*self.baselines[: None if self.own else 2], self.policy]
 
     @property
     def typical(self) -> float:
@@ -130,7 +139,8 @@ def of_setup(
     note = setup.about + imitates + quick_look_note(setup, ensemble[None].provenance, rivals)
     bound, chosen = clairvoyant(setup, scenarios, folder / "tuned"), f"seed-{ensemble.chosen}"
     seeds = _seeds(policies, chosen, evaluation, time_weight)
-    return Comparison(setup.name, environment, seeds, chosen, rivals, scenarios, note, evaluation, bound, setup.title)
+    of_setup = seeds, chosen, rivals, scenarios, note, evaluation, bound, setup.title, setup.own
+    return Comparison(setup.name, environment, *of_setup)
 
 
 def _seeds(
@@ -172,8 +182,9 @@ def quick_look_note(setup: Setup, about: Mapping[str, Any], rivals: Sequence[Con
     steps, wanted = about["settings"]["steps"], setup.training.steps
     if steps < wanted:
         shortfalls.append(f"trained for {steps:,} steps of {wanted:,}")
-    tuned = [rival.controller["tuned"]["weights"].values() for rival in rivals if rival.name in setup.tuned]
-    budget = min((at["search"]["budget"] for weights in tuned for at in weights), default=setup.budget)
+    tuned = {rival.name: rival.controller["tuned"]["weights"].values() for rival in rivals if rival.name in setup.tuned}
+    budgets = [round(at["search"]["budget"] / setup.tuned[name].effort) for name, each in tuned.items() for at in each]
+    budget = min(budgets, default=setup.budget)
     if budget < setup.budget:
         shortfalls.append(f"baselines tuned with {budget:,} candidates of {setup.budget:,}")
     return f"; A QUICK LOOK, {', '.join(shortfalls)}" if shortfalls else ""
@@ -206,10 +217,12 @@ def of_policies(
             note += f"; its baselines were tuned for {setup.name}, not for this environment"
         bound = clairvoyant(setup, of_environment) if setup and not changes else None
         evaluation = setup.evaluation if setup else Evaluation.of_table({}, trained_in)
-        evaluation = replace(evaluation, typical=time_weight or evaluation.typical)
+        varied = {**surroundings(trained_in), **evaluation.varied}
+        evaluation = replace(evaluation, typical=time_weight or evaluation.typical, varied=varied)
         rivals = baselines(names or (setup.against if setup else ()), environment, evaluation.typical)
         seeds = _seeds({name: policy}, name, evaluation, time_weight)
-        comparisons[name] = Comparison(name, environment, seeds, name, rivals, of_environment, note, evaluation, bound)
+        about = seeds, name, rivals, of_environment, note, evaluation, bound
+        comparisons[name] = Comparison(name, environment, *about, own=True)
     return list(comparisons.values())
 
 

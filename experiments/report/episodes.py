@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from agents.baselines import PaperTrapezoid
 from agents.evaluate.play import controller_of, pairs, scenario_batch_of
-from agents.evaluate.scenario_batch import MEASURED, Episodes
+from agents.evaluate.scenario_batch import MEASURED, TEST_SEED, Episodes
 from agents.policies import Controller
 from agents.setups.evaluation import Change, variants
 from experiments.lab import grid
@@ -36,6 +36,10 @@ WORDS = {  # plain names of some arguments; `factor` names all arguments
     "robot": "compliant robot",
     "scenario": "objects outside the training ranges",
 }
+SIDES = {  # what objects below and beyond the set-up's range are called
+    "distance": ("nearer", "farther"), "object_mass": ("lighter", "heavier"),
+    "contact_stiffness": ("softer", "stiffer"), "restitution": ("less elastic", "more elastic"),
+}  # fmt: skip
 SHOWN = {"s": ("ms", 1e3), "m": ("mm", 1e3), "%": ("%", 100.0)}  # for some units: the printed unit, and the factor
 
 
@@ -70,7 +74,12 @@ def cells_of(comparison: Comparison) -> Iterator[Cell]:
                      "count": min(where["count"], evaluation_sets.load(change.scenarios).count)}  # fmt: skip
         changed = {**environment, **comparison.evaluation.nominal} if change.same else change.environment
         named, value = factor(change.argument, changed.get("alarm") == "reading"), setting(change)
-        labels = {"change": f"{factor(change.argument)}: {value}", "factor": named, "setting": value,
+        for name, (low, high) in change.ranges.items():
+            ranges, seed = ranges_of(scenarios), scenarios.get("seed", TEST_SEED)
+            where = {"ranges": {**ranges, name: (low, high)}, "seed": seed, "count": where["count"]}
+            if high <= ranges[name][0] or low >= ranges[name][1]:
+                named = f"objects {SIDES[name][low >= ranges[name][1]]} than in the set-up"
+        labels = {"change": f"{named}: {value}", "factor": named, "setting": value,
                   "same": change.same, "value": change.value}  # fmt: skip
         for rival in comparison.rivals:
             yield cell("varied", rival, where, [typical], changed, **labels)
@@ -78,14 +87,15 @@ def cells_of(comparison: Comparison) -> Iterator[Cell]:
 
 def factor(argument: str, by_reading: bool = False) -> str:
     """Return the plain name of an argument; `by_reading`: whether readings of the force sensor raise the alarm."""
+    argument = argument.removeprefix("scenario.")
     words = WORDS.get(argument) or (QUANTITIES[argument].words if argument in QUANTITIES else argument)
     alarm = "which raises the alarm" if by_reading else "the alarm is a switch without noise"
     return f"{words} ({alarm})" if argument == "force_noise" else words
 
 
 def setting(change: Change) -> str:
-    """Return the changed value with its unit; if the value is not a number, the change's label."""
-    if not np.isfinite(change.value):
+    """Return the changed value with its unit; if the value is a range or not a number, the change's label."""
+    if change.ranges or not np.isfinite(change.value):
         return change.label
     unit = "%" if change.multiple else QUANTITIES[change.argument].unit
     name, scale = SHOWN.get(unit, (unit, 1.0))
@@ -118,12 +128,18 @@ def weight_at_rule_time(controller: JSON, environment: JSON, scenarios: JSON, we
     return high
 
 
+def ranges_of(scenarios: JSON) -> Mapping[str, Sequence[float]]:
+    """Return the ranges from which scenarios are drawn, by field; of a table, the ranges of its columns."""
+    if "table" in scenarios:
+        return {name: (min(column), max(column)) for name, column in scenarios["table"].items()}
+    return pairs(scenarios.get("ranges") or {"validation": "test"}.get(scenarios["set"], scenarios["set"]))
+
+
 def selection_scenarios(scenarios: JSON, count: int = SELECTION_SCENARIOS) -> dict[str, Any]:
     """Return other scenarios, to choose a controller or a weight: draws from the same ranges; a table is kept."""
     if "table" in scenarios:
         return dict(scenarios)
-    ranges = scenarios.get("ranges") or pairs({"validation": "test"}.get(scenarios["set"], scenarios["set"]))
-    return {"ranges": ranges, "seed": SELECTION_SEED + scenarios.get("seed", 0), "count": count}
+    return {"ranges": ranges_of(scenarios), "seed": SELECTION_SEED + scenarios.get("seed", 0), "count": count}
 
 
 class Results(dict[float, Episodes]):

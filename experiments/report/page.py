@@ -22,6 +22,7 @@ ABOUT = {  # captions of the contestants in the film
     PAPER: "constant speed; brakes once it senses the touch",
     POLICY: "neural network, trained to touch soon and gently",
 }
+OF_OTHERS = 3  # number of scenarios in the film of a controller that is not recommended
 TERMS = Terms({
     "V_p": "final velocity of the object; with friction, its largest velocity. Means are over the touched objects.",
     "T": "time until the first touch; with an operator, until all is done.",
@@ -49,7 +50,10 @@ class Analysis:
         self.steps = ablation.steps_of(results)
         operated = self.comparison.operated
         short = summary.assisted(results) if operated else summary.sentence(self.summary, self.comparison)
-        self.headline = f"{self.choice.sentence} {short}"
+        self.aside = short  # at the time of the paper's rule
+        self.fails = robustness.where_it_fails(results, self.choice.controller)
+        rivals = {each.checksum or each.controller.get("baseline", ""): each.name for each in self.comparison.rivals}
+        self.each_fails = {key: " ".join(robustness.where_it_fails(results, name)[1:]) for key, name in rivals.items()}
 
 
 def analyse(comparisons: Sequence[Comparison], own: bool, frames: Frames) -> Findings:
@@ -58,12 +62,13 @@ def analyse(comparisons: Sequence[Comparison], own: bool, frames: Frames) -> Fin
     found = {results.comparison.name: Analysis(results) for results in played}
     everyone = {each.name: (*each.seeds, *each.baselines) for each in comparisons}
     numbers = {
+        "fails": {name: each.each_fails for name, each in found.items()},
         "choices": {name: asdict(each.choice) for name, each in found.items()},
         "answers": {name: asdict(each.summary) for name, each in found.items()},
         "ablations": {name: [asdict(step) for step in each.steps] for name, each in found.items()},
         "contestants": {name: {each.name: each.checksum for each in group} for name, group in everyone.items()},
     }
-    text = "\n".join(f"{name}: {each.headline}" for name, each in found.items())
+    text = "\n".join(f"{name}: {each.choice.sentence} {each.aside}" for name, each in found.items())
     return Findings(text, [_method([*found.values()], own)], {}, [*map(_tab, found.values())], numbers)
 
 
@@ -72,16 +77,23 @@ def _tab(found: Analysis) -> Tab:
     note = [f"{comparison.name}: {comparison.note}."] * bool(comparison.note)
     caption = ("Policy and baselines are not trained or tuned again. A stiffer coupling keeps its damping ratio. "
                "Objects outside the training ranges are lighter, stiffer, less elastic and nearer")  # fmt: skip
-    changed, steps = Table.joined(caption, robustness.rows(results)), ablation.table(found.steps, comparison.labels)
+    words = comparison.words
+    everyone = {words[each.name]: POLICY if each is comparison.policy else each.name for each in comparison.rivals}
+    judged = words[chosen.controller] if words[chosen.controller] in everyone else POLICY
+    changed = Table.joined(caption, robustness.rows(results, everyone, judged))
+    steps = ablation.table(found.steps, comparison.labels)
     sections = [
-        Section("Choice: which controller to take", [*note, choice.contestants(chosen, results)], key="choice"),
-        *[Section("Ablation: where the gain comes from", [steps], key="ablation")] * (not comparison.operated),
+        Section("Choice: all controllers", [chosen.reason, found.aside, *note, choice.contestants(chosen, results)],
+                folded=True, key="choice"),
+        *[Section("Ablation: where the gain comes from", [steps], folded=True, key="ablation")]
+        * (not comparison.operated),
         Section("Robustness: mean cost (m/s) with one thing changed", [changed], folded=True, key="robustness"),
-    ]
+    ]  # fmt: skip
+    films = {label: Markup(fragment(film, f"watch-{comparison.name}-{place}"))
+             for place, (label, film) in enumerate(watch(results, chosen.controller).items())}  # fmt: skip
     return Tab(
-        comparison.name, comparison.title, found.headline, comparison.note.partition("A QUICK LOOK, ")[2],
-        robustness.where_it_fails(results, chosen.controller), summary.trade_off(results),
-        Markup(fragment(watch(results), f"watch-{comparison.name}")), sections,
+        comparison.name, comparison.title, chosen.sentence, comparison.note.partition("A QUICK LOOK, ")[2],
+        found.fails, summary.trade_off(results, chosen.controller), films, sections, choice.numbers(chosen, results),
     )  # fmt: skip
 
 
@@ -107,7 +119,7 @@ def _method(found: Sequence[Analysis], own: bool) -> Section:
         Table.joined("Mean cost (m/s) and missed objects with one thing changed",
                      [row for each in found for row in robustness.rows(each.results)], "report-robustness"),
         Section("Glossary and commands", [TERMS], folded=True),
-    ], key="all")  # fmt: skip
+    ], folded=True, key="all")  # fmt: skip
 
 
 def _limits(comparisons: Sequence[Comparison]) -> str:
@@ -126,16 +138,23 @@ def _scenarios(scenarios: Mapping[str, Any]) -> str:
     return f"{scenarios['count']:,} {source}, with seeds from {scenarios['seed']:,} on"
 
 
-def watch(results: ComparisonResults) -> dict[str, Any]:
-    """Return films of notable scenarios: the paper's rule, and the policy at about the rule's mean approach time."""
-    comparison = results.comparison
-    ((weight, policy),) = results.at_rule_time[comparison.chosen].items()
-    runs = {PAPER: results.paper[weight], POLICY: policy}
+def watch(results: ComparisonResults, recommended: str) -> dict[str, dict[str, Any]]:
+    """Return films of the rule beside each other contestant, first the recommended, by label, at the typical weight.
+
+    The films after the first show only its first scenarios.
+    """
+    comparison, weight = results.comparison, results.comparison.typical
     frozen, task = frozen_of(comparison.scenarios), Task(**comparison.environment)
-    specs = {PAPER: comparison.baselines[0].controller, POLICY: comparison.policy.controller}
-    controllers = {name: controller_of(spec, weight, task) for name, spec in specs.items()}
-    seed = frozen.seed if frozen else comparison.scenarios["seed"]
-    watched = films(controllers, choose(*runs.values()), runs, seed, {**comparison.environment, "time_weight": weight})
-    for run in (run for scene in watched["scenes"] for run in scene["runs"] if not comparison.operated):
-        run["sentence"] = ABOUT[run["name"]]
+    seed, environment = frozen.seed if frozen else comparison.scenarios["seed"], dict(comparison.environment)
+    others = sorted((comparison.policy, *comparison.baselines[1:]), key=lambda each: each.name != recommended)
+    rule, scenes, watched = results.paper[weight], dict[str, int](), {}
+    for other in others:
+        played = {PAPER: rule, comparison.words[other.name]: results.runs[other.name][weight]}
+        contestants = zip(played, (comparison.baselines[0], other), strict=True)
+        controllers = {name: controller_of(each.controller, weight, task) for name, each in contestants}
+        scenes = dict(list(scenes.items())[:OF_OTHERS]) if scenes else choose(*played.values())
+        film = films(controllers, scenes, played, seed, {**environment, "time_weight": weight})
+        for run in (run for scene in film["scenes"] for run in scene["runs"] if not comparison.operated):
+            run["sentence"] = ABOUT.get(run["name"], "a rule, not learned")
+        watched[comparison.words[other.name] + ", recommended" * (other.name == recommended)] = film
     return watched

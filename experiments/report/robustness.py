@@ -1,14 +1,16 @@
 """Robustness: results with one changed argument of the environment, without a new training or tuning."""
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import polars as pl
 
 from experiments.report.comparisons import PAPER, POLICY
-from experiments.report.episodes import MISSED_TOO_OFTEN, ComparisonResults
+from experiments.report.episodes import MISSED_TOO_OFTEN, SIDES, ComparisonResults
 
 Row = dict[str, Any]
+PLACE = tuple(f"objects {word} than" for word in SIDES["distance"])  # begins of the names of changed places
 
 
 def outcomes(results: ComparisonResults, controller: str = POLICY) -> pl.DataFrame:
@@ -36,46 +38,67 @@ def outcomes(results: ComparisonResults, controller: str = POLICY) -> pl.DataFra
 def where_it_fails(results: ComparisonResults, name: str) -> tuple[str, str, str]:
     """Return where a contestant fails: its cost is above another's, or it misses over 1 % of objects.
 
-    Returns its label with article; the worst change in one line, or that there is none; details: for each argument the
-    mildest change under which a rival costs less, and the most misses, if over 1 %. Only rule, rival and policy play
-    under changes; for any other `name`, the result is about the policy.
+    Returns its label with article; the worst change in one line, after it a place outside the set-up's range, or that
+    no change tried is one; details: each argument with its mildest failure, and all that was tried. Only
+    `Comparison.rivals` play under changes; for any other `name`, the result is about the policy.
     """
-    labels = {POLICY if each is results.comparison.policy else each.name: each.label
-              for each in results.comparison.rivals}  # fmt: skip
+    comparison = results.comparison
+    labels = {POLICY if each is comparison.policy else each.name: comparison.words[each.name]
+              for each in comparison.rivals}  # fmt: skip
+    name = POLICY if name == comparison.chosen else name
     controller = name if name in labels else POLICY
-    rows, called = outcomes(results, controller), f"the {labels.pop(controller)}"
+    every, called = outcomes(results, controller), f"the {labels.pop(controller)}"
+    ours = every.filter(contestant=controller)
     sentences, worse = list[str](), list[tuple[Row, str]]()
     for rival, label in labels.items():
-        changed = rows.filter(~pl.col("same"), contestant=rival).with_columns(settings=pl.len().over("factor"))
+        changed = every.filter(~pl.col("same"), contestant=rival).with_columns(settings=pl.len().over("factor"))
         losing = changed.filter(pl.col("more") > 0.0).sort("off", maintain_order=True)
         mildest = losing.group_by("factor", maintain_order=True).agg(pl.all().first(), most=pl.max("more"))
         found = mildest.sort("most", descending=True).to_dicts()
         if found:
             named = (row["factor"] + (f" ({row['setting']})" if row["settings"] > 1 else "") for row in found)
             sentences.append(f"Worse than the {label} with {', '.join(named)}.")
-        worse += [(row, f"it is worse than the {label}") for row in found]
-    ours = rows.filter(contestant=controller).to_dicts()
-    missed = max(ours, key=lambda row: row["missed"] / row["of"], default={"missed": 0, "of": 1})
-    shown = worse[:1]
-    if missed["missed"] > MISSED_TOO_OFTEN * missed["of"]:
-        misses = f"misses {missed['missed']} of {missed['of']} objects"
-        sentences.append(f"It {misses} with {missed['factor']} at {missed['setting']}.")
-        alike = [(row, words) for row, words in worse if row["factor"] == missed["factor"]]
-        shown = [*alike[:1], (missed, f"it {misses}")]
-    if not shown:
-        tried = sum(not row["same"] for row in ours)
-        return called, f"it is not worse than its rivals under any of {tried} single changes.", ""
-    places = ((f"at {row['setting']}" if np.isfinite(row["value"]) else "there", words) for row, words in shown)
+        worse += [(row, f"it costs {row['more']:.2g} m/s more than the {label}") for row in found]
+    worse.sort(key=lambda pair: -pair[0]["most"])
+    share = pl.col("missed") / pl.col("of")
+    most = ours.filter(share > MISSED_TOO_OFTEN).sort(share, descending=True, maintain_order=True)
+    missing = most.group_by("factor", maintain_order=True).agg(pl.all().first()).to_dicts()
+    missed = [(row, f"it misses {row['missed']} of {row['of']} objects") for row in missing]
+    sentences += [f"{words[0].upper()}{words[1:]} with {row['factor']} at {row['setting']}." for row, words in missed]
+    tried = ours.filter(~pl.col("same")).group_by("factor", maintain_order=True).agg("setting").rows()
+    names = "; ".join(f"{factor}: {', '.join(settings)}" for factor, settings in tried)
+    sentences += [f"Tried, one change at a time: {names}. Nothing else was tried."] * bool(tried)
+    if not (worse or missed):
+        places = [each for factor, settings in tried if factor.startswith(PLACE) for each in settings]
+        beside = f", objects at {' and '.join(places)} among them" * bool(places)
+        single = sum(len(settings) for _, settings in tried)
+        line = f"in none of the {single} single changes that were tried{beside} does it cost more than a rival or miss"
+        return called, f"{line} more than 1 % of objects.", " ".join(sentences)
+    failing = [row["factor"] for row, _ in (*missed, *worse)]
+    shown = dict.fromkeys([*(factor for factor in failing if factor.startswith(PLACE)), failing[0]])
+    lines = [_line([*[each for each in worse if each[0]["factor"] == factor][:1],
+                    *(each for each in missed if each[0]["factor"] == factor)]) for factor in shown]  # fmt: skip
+    return called, " ".join(lines), " ".join(sentences)
+
+
+def _line(failures: Sequence[tuple[Row, str]]) -> str:
+    """Return failures with the same changed argument as one line."""
+    places = ((f"at {row['setting']}" if np.isfinite(row["value"]) else "there", words) for row, words in failures)
     line = ", ".join(f"{place} {words}" for place, words in places)
-    return called, f"{shown[0][0]['factor']}. {line[0].upper()}{line[1:]}.", " ".join(sentences)
+    factor = failures[0][0]["factor"]
+    return f"{factor[0].upper()}{factor[1:]}. {line[0].upper()}{line[1:]}."
 
 
-def rows(results: ComparisonResults) -> list[dict[str, str]]:
-    """Return a row for each change with the mean costs (m/s) of the rivals, texts by heading."""
-    names, found = {"rule": PAPER, "main baseline": results.comparison.rival.name, "policy": POLICY}, []
+def rows(results: ComparisonResults, names: Mapping[str, str] | None = None, judged: str = "policy") -> list[Row]:
+    """Return a row for each change, texts by heading: mean costs (m/s), and the misses of `judged`.
+
+    `names` maps a heading to each contestant; `judged` is one of these headings.
+    """
+    names, found = names or {"rule": PAPER, "main baseline": results.comparison.rival.name, "policy": POLICY}, []
     for (factor, setting), group in outcomes(results).group_by("factor", "setting", maintain_order=True):
         each = {row["contestant"]: row for row in group.to_dicts()}
         row = {"set-up, change": f"{results.comparison.name}, {factor}: {setting}"}
         row |= {heading: f"{each[name]['loss']:.3f}" for heading, name in names.items()}
-        found.append(row | {"missed by the policy": f"{each[POLICY]['missed']} of {each[POLICY]['of']}"})
+        missed = each[names[judged]]
+        found.append(row | {f"missed by the {judged}": f"{missed['missed']} of {missed['of']}"})
     return found

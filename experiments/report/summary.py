@@ -117,9 +117,10 @@ def assisted(results: ComparisonResults) -> str:
     return f"{about}: {'; '.join(parts)}."
 
 
-def trade_off(results: ComparisonResults) -> Picture:
-    """Return the chart of V_p against time, with rule, policy, main baseline and clairvoyant search."""
-    comparison, rival, searched = results.comparison, results.comparison.rival, results.bound.get(BOUND)
+def trade_off(results: ComparisonResults, recommended: str = POLICY) -> Picture:
+    """Return the chart of V_p against time: rule, policy, search, `recommended` (no baseline: the main baseline)."""
+    comparison, searched = results.comparison, results.bound.get(BOUND)
+    rival = next((each for each in comparison.baselines[1:] if each.name == recommended), comparison.rival)
     others = [run for run in results.seeds.values() if run is not results.policy]
     runs = {PAPER: [results.paper], POLICY: [results.policy, *others]}
     runs |= {rival.label: [results.baselines[rival.name]]} if rival.name != PAPER else {}

@@ -14,6 +14,7 @@ from refusal import refused
 
 from agents import load_setup
 from agents.baselines import RULES, BlindProfile, Clairvoyant, ConstantSpeed, OperatorAlone, PaperTrapezoid, Ranged
+from agents.baselines.constant import ThresholdBrake
 from agents.baselines.filtered import FilteredProfile
 from agents.baselines.profile import KNOTS, LEAST_SPREAD, REACTION
 from agents.baselines.rule import View, tuned_rule
@@ -65,6 +66,13 @@ def test_ranged_arrives_at_the_estimate_with_the_tuned_speed():
     left = np.array([0.02, 0.04, 0.06])
     assert np.interp(0.29 - left, position, velocity) == pytest.approx(np.sqrt(0.25**2 + 2 * 9.0 * left), abs=0.01)
     assert velocity[position > 0.31] == pytest.approx(0.25, abs=1e-3)
+
+
+def test_threshold_brake_reacts_to_the_force_and_not_to_the_alarm():
+    rule, spec, seen = ThresholdBrake([0.5, 4.0, 9.0, 3.0]), ObservationSpec(Task()), np.zeros(8, np.float32)
+    for force, alarm, expected in ((2.9, 1.0, (0.5, 4.0)), (3.1, 0.0, (0.0, 9.0))):
+        seen[spec.index("force_peak")], seen[spec.index("alarm")] = spec.encode("force_peak", force), alarm
+        assert Task().action.decode(rule.predict(seen)[0]) == pytest.approx(expected, abs=1e-5)
 
 
 @pytest.mark.parametrize("rule", [*RULES.values(), Clairvoyant])

@@ -4,6 +4,7 @@ import json
 import re
 import runpy
 import shutil
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from agents.export.c_header import header
 from agents.export.documentation import Exported, of_name, of_setup
 from agents.export.onnx_graph import write_onnx
 from agents.policies.networks import to_arrays
+from agents.setups.setup import UNSAID
 from impact_gym.envs import IDS
 from impact_gym.task import QUANTITIES, Task
 
@@ -46,7 +48,7 @@ def test_one_wrong_action_of_many_is_refused(tmp_path, error):
     computed[-1, 1] += error
     refused(lambda: judged(tmp_path, computed, "", actions, 1e-6), f"differs from the policy by {error:.1e}")
     said = judged_replay(tmp_path, (0.0, np.array([2e-6] * 9)), 3, 0.016)  # s
-    assert "of 9 calls 99.9 % take at most 2.0 us, the slowest 2 us" in said
+    assert "of 9 calls here 99.9 % take at most 2.0 us of the control period of 16,000 us" in said
     refused(lambda: judged_replay(tmp_path, (10.0 * error, np.ones(9)), 3, 0.016), f"differ by {10.0 * error:.1e}")
 
 
@@ -111,6 +113,20 @@ def test_loader_of_the_page_runs_onnx_from_its_metadata(tmp_path):
     for row, expected in zip(wide, exported.task.action.decode(actions), strict=True):
         seen = {name: policy.spec.decode(row, name) for name in policy.spec.ids}
         assert np.abs((np.array([*command(seen).values()]) - expected) / span).max() < 2e-6
+
+
+def test_header_says_where_its_own_controller_fails(tmp_path):
+    """By the report beside it, if that is about the same controller of the same arm."""
+    (tmp_path / "report").mkdir()
+    saved = made_up_policy().save(tmp_path / "policies" / "mine.npz")
+    key = sha256(load_policy(saved).to_bytes()).hexdigest()
+    for fails, expected in (({key: "beyond 0.6 m"}, "beyond 0.6 m"), ({"other": "no"}, UNSAID)):
+        runs = [{"numbers": {"fails": {"mine": {"older": ""}}}}, {"numbers": {"fails": {"mine": fails}}}]
+        (tmp_path / "report" / "results.json").write_text(json.dumps({"runs": runs}))
+        said = of_name(str(saved)).documentation
+        assert (json.loads(said["fails"]), "position 0" in said["coordinates"]) == (expected, True)
+    (tmp_path / "report" / "results.json").write_text("{")
+    assert of_name(str(saved)).fails == UNSAID
 
 
 def test_rules_are_exported_for_the_users_arm(mine):

@@ -31,6 +31,7 @@ RULES_IN_C = {
         "noise": 0.01, "share": 0.05, "bias": 0.01, "dropout": 0.3, "delay": [0.0, 0.08]}} | FAR),
     "deceleration, far": ("ConstantDeceleration", FAR), "profile, far": ("BlindProfile", FAR),
     "detector with a range": ("DetectorRanged", load_setup("ranged-robust").environment | FAST),
+    "threshold": ("ThresholdBrake", NOISE),
     "speed": ("ConstantSpeed", {"alarm": "reading", "force_noise": 0.5, "control_period": 0.008}),
 }  # fmt: skip
 POLICIES_IN_C = {

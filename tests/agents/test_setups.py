@@ -55,7 +55,7 @@ def test_variants_start_from_the_users_own_and_nominal_numbers():
     nominal = {"tool_mass": 0.2, "robot": "rigid", "force_noise": 0.0}
     table = {"nominal": nominal, "varied": {"tool_mass": [0.1, 0.2], "force_noise": [3.0]}}
     expected = [(0.1, 0.0, False), (0.2, 0.0, True), (0.2, 3.0, False)]
-    varied = variants(Evaluation.of_table(table, environment), environment)
+    varied = variants(Evaluation.of_table(table, environment, own=False), environment)
     for change, (mass, noise, same) in zip(varied, expected, strict=True):
         task = Task(**change.environment)
         assert (task.tool_mass, task.force_noise, task.robot, task.alarm) == (mass, noise, None, "reading")
@@ -117,7 +117,8 @@ def test_set_up_extends_another_key_by_key(tmp_path):
     assert mine.environment == {**shipped_one.environment, "tool_mass": 0.2, "range_noise": 0.02}
     assert mine.training == replace(shipped_one.training, steps=5_000_000)
     assert mine.evaluation.varied == Evaluation.of_table({}, mine.environment).varied  # for the user's arm
-    assert (mine.title, mine.about, [*mine.tuned]) == ("Mine", "Mine", ["mine-profile"])
+    simple = [f"mine-{end}" for end in ("constant-speed", "threshold", "even-braking")]
+    assert (mine.title, mine.about, [*mine.tuned]) == ("Mine", "Mine", ["mine-profile", *simple])
     base = {"extends": "teleop-spring", "environment": {"uplink": {"trace": "a.csv"}}}
     (tmp_path / "arm.toml").write_text(tomli_w.dumps(base))  # files edited in one process
     for delay in (0.25, 0.75):
@@ -125,6 +126,29 @@ def test_set_up_extends_another_key_by_key(tmp_path):
         assert load_setup(tmp_path / "mine.toml").task.uplink.delays == (delay, delay)
     (tmp_path / "arm.toml").write_text('extends = "mine.toml"')
     refused(lambda: load_setup(tmp_path / "arm.toml"), "extends must", "got 'arm.toml'")
+
+
+def test_own_set_up_gets_simple_rivals_and_its_surroundings(tmp_path):
+    """Whatever its file names; a copy of a shipped set-up gets what that one has."""
+    own = {"environment": {"scenario": {"distance": [0.1, 0.6], "object_mass": [0.1, 3.2]}, "range_noise": 0.01},
+           "baselines": {"tuned": {"fast": "ConstantSpeed"}, "against": ["blind-profile"]},
+           "evaluation": {"varied": {"tool_mass": [0.2]}}}  # fmt: skip
+    (path := tmp_path / "own.toml").write_text(tomli_w.dumps(own))
+    setup, rivals = load_setup(path), ["own-threshold", "own-even-braking"]
+    assert ([*setup.tuned], [*setup.against]) == (["fast", *rivals], ["blind-profile", *rivals])
+    varied = setup.evaluation.varied
+    assert varied["scenario.distance"] == [[0.05, 0.1], [0.6, 0.7]]  # a fifth of 0.5 m; not below half of 0.1 m
+    assert varied["scenario.object_mass"] == [[0.05, 0.1], [3.2, 6.4]]  # a fifth of 32, in logarithms
+    assert varied["scenario.restitution"] == [[0.05, 0.1]]  # none is above 1
+    assert (varied["range_bias"], varied["tool_mass"]) == ([-0.01, 0.0, 0.01], [0.2])
+    places = [each.ranges.get("distance") for each in variants(setup.evaluation, {})]
+    assert places[:3] == [(0.05, 0.1), (0.6, 0.7), None]
+    (tmp_path / "linear-blind.toml").write_bytes((shipped_one := load_setup("linear-blind")).path.read_bytes())
+    copy = load_setup(tmp_path / "linear-blind.toml")
+    assert (copy.tuned, "scenario.distance" in copy.evaluation.varied) == (shipped_one.tuned, False)
+    for wrong in ([[0.7, 0.6]], {"times": [2.0]}, [-0.1]):
+        path.write_text(tomli_w.dumps({"evaluation": {"varied": {"scenario.distance": wrong}}}))
+        refused(lambda: load_setup(path), "evaluation.varied.scenario.distance")
 
 
 @pytest.mark.parametrize("rule", RULES.values(), ids=RULES)

@@ -60,7 +60,8 @@ def noisy(tmp_path):
     """Options to tune two weights in this process; the set-up's baseline has all options."""
     path = tmp_path / "noisy.toml"
     path.write_text(NOISY)
-    return tune.Tune((str(path),), weights=(1.0, 4.0), processes=0, out=tmp_path, jobs=tmp_path / "jobs", **SEARCH)
+    where = {"processes": 0, "out": tmp_path, "jobs": tmp_path / "jobs"}
+    return tune.Tune((str(path),), ("noisy-speed",), (1.0, 4.0), **where, **SEARCH)
 
 
 def weights_of(options):
@@ -80,6 +81,14 @@ def test_tune_uses_and_records_the_settings_of_the_set_up(noisy):
         assert entry["validation"] == alone["validation"] == tune.scores(rule, weight)
         assert entry["search"] == {**SEARCH, "clean_alarm": True, "jitter": 0.02}
         assert f"--names noisy-speed --weights {weight} --scenarios 8 --budget 24" in entry["command"]
+
+
+def test_simple_rival_is_tuned_with_half_the_candidates(noisy):
+    """Its command, with the same options, tunes it again with as many."""
+    (path,) = tune.tune(replace(noisy, names=("noisy-threshold",), weights=(1.0,)))
+    entry = read_tuned(path.stem, noisy.out, load_setup(noisy.setups[0]))["weights"]["1"]
+    assert entry["search"] == {**SEARCH, "budget": 12}
+    assert "--budget 24" in entry["command"]
 
 
 def test_stopped_tuning_keeps_weights_and_reaches_the_same_file(noisy, tmp_path):

@@ -94,7 +94,7 @@ def test_scenarios_of_films_are_what_their_phrases_say():
         (scenario["object_mass"], "lightest", "heaviest"), (scenario["distance"], "nearest", "farthest"),
     ):  # fmt: skip
         assert (find(lowest), find(highest)) == (np.where(touched, values, np.inf).argmin(), values.argmax())
-    assert (find("most contacts"), find("missed by the policy")) == (11, 7)
+    assert (find("most contacts"), find("missed by the controller")) == (11, 7)
 
 
 @pytest.fixture(scope="module")

@@ -220,6 +220,13 @@ def test_page_stands_on_its_own_and_chooses_by_key_and_link(browser, folder, mon
     page = stands_on_its_own(browser, folder / "index.html", 390)
     visible = "[...document.querySelectorAll('[role=tabpanel]')].filter(tab => tab.checkVisibility()).map(t => t.id)"
     assert page.evaluate(visible) == ["linear-blind"]
+    film, taken = page.locator("#linear-blind .films > div:not([hidden]) h3"), page.locator("#linear-blind .finding")
+    page.locator("#linear-blind .beside").scroll_into_view_if_needed()
+    film.first.wait_for()
+    assert taken.inner_text().startswith(f"Take the {film.all_inner_texts()[1]}. ")
+    page.locator("#linear-blind .beside").select_option("tuned constant speed")
+    film.first.wait_for()
+    assert film.all_inner_texts() == [PAPER, "tuned constant speed"]
     page.focus("#tab-linear-blind")
     page.keyboard.press("ArrowRight")
     assert page.evaluate(visible) == ["mine"]

@@ -143,10 +143,11 @@ def test_choice_is_made_elsewhere_and_judged_here():
     assert choice.choice(results).controller == PAPER
 
 
-@pytest.mark.parametrize(("off", "words"), [
-    (-1.0, "more"), (1.0, "less here"), (-0.001, "no significant difference"),
+@pytest.mark.parametrize(("off", "words", "said"), [
+    (-1.0, "] more", "% more"), (1.0, "less here", "less here"),
+    (-0.001, "no significant difference", "does as well, no better"),
 ])  # fmt: skip
-def test_difference_is_claimed_only_beyond_its_interval(off, words):
+def test_difference_is_claimed_only_beyond_its_interval(off, words, said):
     """The learned policy was taken; here it costs `off` m/s more than all others, with a standard error of 0.04 m/s."""
     results = played()
     for name, each in results.baselines.items():
@@ -154,11 +155,13 @@ def test_difference_is_claimed_only_beyond_its_interval(off, words):
     results.seeds["seed-0"] = policy = run((2.0, 2.0), (0.2, 0.2))
     policy[2.0].object_velocity[:] += np.tile([-0.3, 0.3], COUNT // 2) + off
     found = choice.choice(results)
-    _, of_rule, of_rival = found.sentence.split("; ")
+    of_rule, _, of_rival = found.reason.partition(" m/s. ")[2].split("; ")
     assert found.controller == "seed-0"
-    assert of_rule.startswith(f"{PAPER} ")
+    assert of_rule.startswith(f"{PAPER}: ")
     assert words in of_rule
     assert words in of_rival
+    assert found.sentence.startswith("Take the learned policy. ")
+    assert said in found.sentence.rpartition(" The ")[2]  # of the main rival or the cheapest of the others
 
 
 @pytest.mark.parametrize(("shares", "times", "numbers"), [
@@ -179,6 +182,19 @@ def test_answer_says_what_a_curve_does_not_reach(shares, times, numbers):
         result, text = said(results)
         assert (result.rival_reduction is None, result.rival_apart) == (bool(apart), apart)
         assert (f"is {apart} than the rule" in text) == bool(apart)
+
+
+def test_first_screen_says_speed_time_and_misses_against_the_rule():
+    """The profile: V_p is 0.6 of the rule's, after 0.2 s in place of 0.3 s; the policy costs the same."""
+    results = played()
+    results.seeds["seed-0"] = results.selection["seed-0"] = results.baselines["profile"]
+    found, mean = choice.choice(results), SPEEDS.mean()
+    ours = f"{0.6 * mean:.2f} m/s"
+    said = f"Objects leave at {ours} instead of {mean:.2f}, and are touched 100 ms sooner."
+    assert found.sentence == f"Take the tuned profile. {said} The learned policy does as well, no better."
+    (speed, words), (time, _), (missed, _) = choice.numbers(found, results)
+    assert (speed, time, missed) == (ours, "0.20 s", f"0 of {COUNT}")
+    assert f"95 of 100 below {0.6 * np.quantile(SPEEDS, 0.95):.2f} m/s" in words
 
 
 def test_a_missed_object_is_not_counted_as_slow():
@@ -218,9 +234,9 @@ def test_chart_has_times_below_and_speeds_beside():
     assert points[POLICY] == pytest.approx(np.array([[0.4, 0.2 * mean], [0.2, 0.4 * mean]]))
 
 
-def change(results, columns):
+def change(results, columns, where=None):
     """Fill `results.varied`; `columns` returns the columns of a contestant's rows under a change from their labels."""
-    comparison = replace(results.comparison, scenarios={"set": "test", "count": 100})
+    comparison = replace(results.comparison, scenarios=where or {"set": "test", "count": 100})
     cells = (cell.labels for cell in episodes.cells_of(comparison) if cell.labels["part"] == "varied")
     results.varied = frame_of((labels, pl.DataFrame(columns(labels))) for labels in cells)
 
@@ -230,9 +246,9 @@ TWO_ERRORS = 2.0 * ALTERNATING.std(ddof=1) / 10.0  # of the mean of 100
 
 
 @pytest.mark.parametrize(("surplus", "missed", "facts"), [
-    (0.999, 1, ["not worse", "of 2 single changes"]),
-    (0.999, 2, ["tool mass. At 0.3 kg", "misses 2 of 100"]),
-    (1.001, 2, ["tool mass. At 0.2 kg", "worse than the tuned profile", "at 0.3 kg it misses 2 of 100"]),
+    (0.999, 1, ["none of the 2 single changes that were tried"]),
+    (0.999, 2, ["Tool mass. At 0.3 kg", "misses 2 of 100"]),
+    (1.001, 2, ["Tool mass. At 0.2 kg it costs 0.1 m/s more than the tuned profile, at 0.3 kg it misses 2 of"]),
 ])  # fmt: skip
 def test_failure_needs_two_standard_errors_or_two_misses(surplus, missed, facts):
     """The learned policy among 100 objects; a difference of less than two standard errors is none."""
@@ -256,6 +272,32 @@ def test_failure_needs_two_standard_errors_or_two_misses(surplus, missed, facts)
     assert [*robustness.rows(results)[-1].values()] == expected  # a miss costs 2 m/s
 
 
+@pytest.mark.parametrize(("far", "light", "facts"), [
+    (9, 0, ["Objects farther than in the set-up. At 0.6 to 0.7 m it misses 9 of 100 objects."]),
+    (9, 20, ["Objects farther than in the set-up. At 0.6 to 0.7 m it misses 9 of 100 objects. ", "misses 20 of 100"]),
+    (0, 0, ["none of the 3 single changes that were tried, objects at 0.05 to 0.1 m and 0.6 to 0.7 m among them"]),
+])  # fmt: skip
+def test_place_outside_the_range_is_named_first(far, light, facts):
+    """Of an own arm all contestants play there; what was tried is named, whether it fails or not."""
+    results = played(varied={"scenario.distance": [[0.05, 0.1], [0.6, 0.7]], "scenario.object_mass": [[0.02, 0.05]]})
+    results.comparison = replace(results.comparison, own=True)
+
+    def columns(labels):
+        assert labels["factor"].endswith(" than in the set-up")
+        misses = {"0.6 to 0.7 m": far, "0.02 to 0.05 kg": light}.get(labels["setting"], 0)
+        zero = np.zeros(100)
+        return {"episode": np.arange(100), "object_velocity": zero, "approach_time": zero, "cost": zero,
+                "missed": (np.arange(100) < misses) & (labels["contestant"] == "constant")}  # fmt: skip
+
+    where = {"ranges": {**pairs("test"), "distance": [0.1, 0.6]}, "seed": 1, "count": 100}
+    change(results, columns, where)
+    called, worst, details = robustness.where_it_fails(results, "constant")
+    assert called == "the tuned constant speed"
+    assert [fact for fact in facts if fact not in worst] == []
+    assert worst.startswith(facts[0]) or not far
+    assert "nearer than in the set-up: 0.05 to 0.1 m; objects farther than in the set-up: 0.6 to 0.7 m" in details
+
+
 def test_worst_change_comes_first_and_misses_count_by_share():
     results = played(varied={"tool_mass": [0.125, 0.3, 0.2], "alarm_threshold": [1.0, 3.0]})
     more, missing = {"0.2 kg": 0.3, "0.3 kg": 0.4, "3 N": 0.6}, {"0.2 kg": 3, "3 N": 4}
@@ -269,7 +311,7 @@ def test_worst_change_comes_first_and_misses_count_by_share():
 
     change(results, columns)
     _, worst, details = robustness.where_it_fails(results, "seed-0")
-    assert worst.startswith("tool mass. At 0.2 kg it is worse than the ")
+    assert worst.startswith("Tool mass. At 0.2 kg it costs 0.3 m/s more than the ")
     assert worst.endswith("it misses 3 of 50 objects.")
     assert "3 N" not in worst
     assert 0 < details.index(episodes.factor("alarm_threshold")) < details.index("tool mass")

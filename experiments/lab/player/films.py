@@ -66,11 +66,11 @@ def choose(baseline: Episodes, policy: Episodes) -> dict[str, int]:
     ours, gain = policy.object_velocity, baseline.object_velocity - policy.object_velocity
     ranks = np.argsort(np.argsort(ours[touched], kind="stable"))
     extremes: dict[str, NDArray[Any]] = {  # the touched scenario with the largest value, if they differ
-        "A typical scenario: the policy's V_p is the median": -np.abs(ranks - (len(touched) - 1) // 2),
-        "The policy's largest gain on the baseline": gain[touched],
-        "The policy's smallest gain on the baseline, or largest loss": -gain[touched],
-        "The policy's lowest V_p": -ours[touched],
-        "The policy's highest V_p": ours[touched],
+        "A typical scenario: the controller's V_p is the median": -np.abs(ranks - (len(touched) - 1) // 2),
+        "The controller's largest gain on the rule": gain[touched],
+        "The controller's smallest gain on the rule, or largest loss": -gain[touched],
+        "The controller's lowest V_p": -ours[touched],
+        "The controller's highest V_p": ours[touched],
         "Most contacts": np.maximum(baseline.contact_count, policy.contact_count)[touched],
         "The highest contact force": np.maximum(baseline.peak_force, policy.peak_force)[touched],
     }
@@ -81,7 +81,7 @@ def choose(baseline: Episodes, policy: Episodes) -> dict[str, int]:
         if reasons and values.min() == values.max():
             continue
         reasons.setdefault(int(touched[np.argmax(values)]), []).append(reason)
-    for name, missed in (("policy", policy.missed), ("baseline", baseline.missed)):
+    for name, missed in (("controller", policy.missed), ("rule", baseline.missed)):
         if missed.any():
             reasons.setdefault(int(np.argmax(missed)), []).append(f"Missed by the {name}")
     return {"; ".join(texts): number for number, texts in reasons.items()}
