@@ -204,7 +204,7 @@ def tuned_rule(content: Mapping[str, Any]) -> Rule:
     # the order of the parameters in an entry of "weights" may differ from that in "parameters"
     weights, names = sorted(tuned), [parameter["name"] for parameter in content["parameters"]]
     table = [[tuned[weight][name] for name in names] for weight in weights]
-    task = Task(**content["environment"])
+    task = Task.of_file(content["environment"])
     rule = RULES[content["rule"]].of(table, ranges_for(task)).for_task(task)
     rule.weights = weights
     return rule

@@ -19,6 +19,7 @@ from impact_gym.task.episodes import EpisodeState, first_uniforms, records_with
 from impact_gym.task.observation import ObservationSpec, place
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.task import PLACES, Task
+from impact_gym.task.to_kernel import to_kernel
 from impact_gym.teleop.operators import Person
 
 if TYPE_CHECKING:
@@ -101,7 +102,7 @@ class Batch:
     def _to_kernel(self, tasks: Sequence[Task]) -> None:
         records, draws, tables, numbers = [], list[tuple[Any, ...]](), [], 0
         for task in tasks:
-            record, its_draws, table = task.to_kernel(len(draws), numbers)
+            record, its_draws, table = to_kernel(task, len(draws), numbers)
             records.append(record)
             draws += its_draws
             tables.append(table)
@@ -236,21 +237,22 @@ class Batch:
         """Return the info of each of `rows`, with Python values."""
         return self._infos.infos(self.episodes, self.chains, rows)
 
-    def link_columns(self) -> dict[str, NDArray[Any]]:
-        """Return the entries that an operator adds to a step's info, (size,) or (size, 1); see `ImpactTeleopEnv`."""
+    def step_columns(self) -> dict[str, NDArray[Any]]:
+        """Return the entries that limits and an operator add to a step's info, (size,) or (size, 1)."""
+        costs = self._infos.costs(self.episodes)
         if not len(self.links):
-            return {}
+            return costs
         sensors, obeyed = self.episodes["sensors"], self.links["effective"].copy()
         executed = sensors["executed"].copy()
-        return {
+        return costs | {
             "command": sensors["command"].copy(), "command_age": sensors["command_age"].copy(),
             "is_intervention": np.abs(executed - obeyed) > INTERVENTION,
             "teleop_action": obeyed[:, None], "intervene_action": executed[:, None],
         }  # fmt: skip
 
-    def link_infos(self) -> list[dict[str, Any]]:
-        """Return the entries of `link_columns` for each row, as Python values and arrays (1,)."""
-        columns = self.link_columns()
+    def step_infos(self) -> list[dict[str, Any]]:
+        """Return the entries of `step_columns` for each row, as Python values and arrays (1,)."""
+        columns = self.step_columns()
         lists = {name: list(column) if column.ndim > 1 else column.tolist() for name, column in columns.items()}
         return [{name: values[row] for name, values in lists.items()} for row in range(self.size)]
 

@@ -57,7 +57,18 @@ class Infos:
         entries = {name: place for place, name in enumerate([*numbers, *OTHERS])}
         self._numbers = np.array([[_PLACES[name]] for name in numbers.values()])
         self._layout = grouped(entries)
+        limits = [(task.force_limit or np.inf, task.velocity_limit or np.inf) for task in tasks]
+        self._limits = np.array(limits).T if np.isfinite(limits).any() else None
         self._layouts = [grouped({name: entries[name] for name in (*numbers_of([task]), *OTHERS)}) for task in tasks]
+
+    def costs(self, episodes: Records) -> dict[str, NDArray[np.int64]]:
+        """Return the entry `cost` (size,) of a step's info, see `ImpactApproachEnv`; nothing if no task has a limit."""
+        if self._limits is None:
+            return {}
+        force, speed = (
+            episodes["terms"][name] > limits for name, limits in zip(("force", "speed"), self._limits, strict=True)
+        )
+        return {"cost": (force | speed).astype(np.int64)}  # before the end both terms are 0
 
     def infos(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> list[dict[str, Any]]:
         """Return the info of each of `rows`; the info's record has the numbers that the row's task draws."""

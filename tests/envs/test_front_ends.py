@@ -211,6 +211,11 @@ def test_set_scenario_applies_from_the_next_episode_on():
     assert masses[0] < 2.5 < masses[1] == 3.0 < 4.0 <= masses[2] <= 5.0
 
 
+def test_slots_without_a_horizon_share_the_longest():
+    envs = made("NextStep", [{}, {"scenario": {"distance": (0.2, 0.72)}}, {"velocity_range": (-0.5, 1.5)}])
+    assert [task.horizon for task in envs.batch.tasks] == [2.4] * 3
+
+
 def worked(seed, threads):
     """The results of random steps in a batch, and of a scene; each seed has another environment and coupling."""
     name = (ID, "ImpactApproachBistable-v0", TELEOP)[seed % 3]

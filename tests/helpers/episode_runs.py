@@ -19,6 +19,7 @@ ROBOT, PAPERS_SPRING = ig.Robot(5.225, 1.9e5, 50.4), ig.SpringDamper(50.0, 1.0)
 encode = Task().action.encode
 """From velocity (m/s) and acceleration (m/s^2) to the action of `ID`."""
 ARM, AWAY = {"friction": 0.3, "horizon": 8.0, "velocity_range": (-0.3, 0.5)}, {"distance": 0.79}
+SLOW = {"velocity_range": (-0.3, 0.8), "acceleration_range": (0.5, 5.0), "scenario": {"distance": (0.1, 0.6)}}
 OWN, STOP, GENTLE = [1.0, 1.0, -1.0], [-1.0, 1.0, -1.0], [1.0, 2.0 * (8.0 - 1.0) / 19.0 - 1.0, -1.0]
 """Of tasks with an operator: arguments, a scenario, and actions."""
 
