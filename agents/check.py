@@ -72,7 +72,7 @@ def lines(setup: Setup) -> Iterator[str]:
         f" {int(played.missed.sum())}"
     )
     yield (
-        f"  an object that is missed costs {task.missed_cost:g} m/s, V_p of the hardest hit is about"
+        f"  an object that is missed costs {task.missed_cost:g} m/s besides the time, V_p of the hardest hit is about"
         f" {hardest_hit(task):.2g} m/s; each percent of misses adds {0.01 * task.missed_cost:g} m/s to the mean cost"
     )
     if 0.0 < (force := task.coupling.holding_force) < math.inf:

@@ -112,7 +112,8 @@ def least_speed(task: Task) -> str:
     """Return in words the speed that an arm needs to reach the farthest object within an episode."""
     far = task.scenario.distance[1]
     speed = needed_speed(far, task.acceleration_range[1], task.horizon)
-    return f"within the horizon of {task.horizon:g} s the arm needs at least {speed:.2g} m/s to {100 * far:.3g} cm"
+    needs = f"needs at least {speed:.2g} m/s to" if speed <= task.velocity_range[1] else "cannot reach"
+    return f"within the horizon of {task.horizon:g} s the arm {needs} {100 * far:.3g} cm"
 
 
 def hardest_hit(task: Task) -> float:

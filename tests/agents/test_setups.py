@@ -114,6 +114,13 @@ def test_weights_above_which_only_full_speed_pays_are_named():
     assert "all time weights are above 0.72 m/s per s" in sentence
 
 
+@pytest.mark.filterwarnings("ignore:scenario.distance ends")
+def test_least_speed_says_if_the_farthest_object_is_out_of_reach():
+    far = {"scenario": {"distance": (0.2, 1.75)}, "horizon": 1.2}
+    assert feasible.least_speed(Task(**far)) == "within the horizon of 1.2 s the arm cannot reach 175 cm"
+    assert feasible.least_speed(Task(**far, velocity_range=(0.0, 2.0))).endswith("needs at least 1.5 m/s to 175 cm")
+
+
 def test_check_says_what_a_file_means(mine):
     setup = load_setup(mine)
     played = ScenarioBatch(1_000_000, 500, setup.task).play(PaperTrapezoid().for_task(setup.task))
