@@ -83,11 +83,10 @@ def _doubts_of_lag(task: Task) -> Iterator[str]:
     behind, far, most = max(map(lag, corners(task))), task.scenario.distance[1], task.acceleration_range[1]
     stroke, observed = (QUANTITIES[name].scale.high for name in ("coupling.stroke", "deflection"))
     lagging = f"the tool lags {1e3 * behind:.0f} mm behind at {most:g} m/s^2"
-    if behind > stroke or behind > far:
-        than = (
-            f"the {1e3 * far:g} mm to the farthest object" if behind > far else f"a usual stroke of {1e3 * stroke:g} mm"
-        )
-        yield f"{lagging}, more than {than}: are mass, stiffness and acceleration right?"
+    usual = {stroke: "of a usual stroke", far: "from the start to the farthest object"}
+    if longest := max((length for length in usual if behind > length), default=0.0):
+        than = f"more than the {1e3 * longest:g} mm {usual[longest]}"
+        yield f"{lagging}, {than}: are mass, stiffness and acceleration right?"
     if task.deflection_sensor and behind > observed * (1.0 + 1e-9):
         yield f"{lagging}, but the observation ends at a displacement of {1e3 * observed:g} mm"
 

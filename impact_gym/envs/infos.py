@@ -65,10 +65,8 @@ class Infos:
         """Return the entry `cost` (size,) of a step's info, see `ImpactApproachEnv`; nothing if no task has a limit."""
         if self._limits is None:
             return {}
-        force, speed = (
-            episodes["terms"][name] > limits for name, limits in zip(("force", "speed"), self._limits, strict=True)
-        )
-        return {"cost": (force | speed).astype(np.int64)}  # before the end both terms are 0
+        (force, speed), terms = self._limits, episodes["terms"]  # before the end of an episode, both terms are 0
+        return {"cost": ((terms["force"] > force) | (terms["speed"] > speed)).astype(np.int64)}
 
     def infos(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> list[dict[str, Any]]:
         """Return the info of each of `rows`; the info's record has the numbers that the row's task draws."""

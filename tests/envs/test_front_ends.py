@@ -22,7 +22,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import SyncVectorEnv
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from random_tasks import CHANNEL, OBSERVED, OWN, STORM, rows_of_tasks
+from random_tasks import CHANNEL, LIMITS, OBSERVED, OWN, STORM, rows_of_tasks
 from stable_baselines3.common.save_util import load_from_zip_file
 from stable_baselines3.common.vec_env import DummyVecEnv
 
@@ -121,7 +121,7 @@ def twin_of(envs, twin, fresh, actions):
 
 def test_every_argument_of_a_task_is_in_the_strategy():
     several = {"coupling", "range_noise", "range_bias", "range_sensor", "operator", "uplink", "downlink"}
-    assert {*ARGUMENTS} == {*OWN, *OBSERVED, *several, "reference_velocity"}
+    assert {*ARGUMENTS} == {*OWN, *OBSERVED, *LIMITS, *several, "reference_velocity"}
 
 
 @pytest.mark.parametrize("front", [*MODE, "stable-baselines3"])

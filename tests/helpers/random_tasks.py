@@ -83,14 +83,13 @@ SOFT = described("SpringDamper", SPRING) | described("Bistable", MECHANISM) | st
     ig.SpringDamper(150.0, 0.3), {"type": "SpringDamper", "stiffness": 80.0},
     ig.Bistable(80.0, rear_stop=-0.01), {"type": "Bistable"},
 ])  # fmt: skip
-LIMITS = {"force_limit": 5.0, "velocity_limit": 0.1}  # N, m/s
+LIMITS = {"force_limit": st.sampled_from([5.0, 25.0]), "velocity_limit": st.sampled_from([0.1, 0.5])}
 OWN = {
     **{name: number_or_range(*span) for name, span in SPANS.items() if name not in ESTIMATE},
     "scenario": st.sampled_from(["train", "hard"]) | some_of(SCENARIO),
     "robot": st.sampled_from([None, ROBOT, ig.Robot(2.0, 4e4, 10.0)]) | described("Robot", ARM),
     "alarm": st.sampled_from(["force", "reading"]), "dissipation": st.sampled_from(["hu-guo", "exact", "fixed"]),
     "missed_cost": st.floats(0.0, 5.0), "force_weight": st.integers(0, 20).map(lambda share: share / 1000),
-    **{name: st.sampled_from([limit, 5.0 * limit]) for name, limit in LIMITS.items()},
     "control_period": st.floats(0.009, 0.03), "acceleration_range": st.just((0.5, 8.0)),
     "rtol": st.sampled_from([1e-5, 1e-8, 1e-11]), "max_episode_steps": st.sampled_from([None, 41, 13]),
 }  # fmt: skip
@@ -112,17 +111,14 @@ def rows_of_tasks(draw, count=3):
     always = {"coupling": SOFT if common["deflection_sensor"] else SOFT | RIGID}
     always |= {"range_noise": number_or_range(*SPANS["range_noise"])} if seen == "estimate" else {}
     always |= {"range_sensor": some_of(RANGE_SENSOR)} if seen == "sensor" else {}
-    optional = {name: of for name, of in OWN.items() if name not in LIMITS} | (
-        {"range_bias": number_or_range(*SPANS["range_bias"])} if seen == "estimate" else {}
-    )
+    optional = OWN | ({"range_bias": number_or_range(*SPANS["range_bias"])} if seen == "estimate" else {})
     if draw(st.booleans()):  # with an operator
         common |= {"velocity_range": (-0.3, 0.5), "horizon": 1.5}
         operator = st.sampled_from([*OPERATORS]).flatmap(lambda name: described(name, OPERATORS[name]))
         always |= {"friction": number_or_range(0.1, 0.5), "control_period": st.floats(0.012, 0.03)}
         always |= {"operator": operator | st.just(RECORDED), "uplink": some_of(CHANNEL) | st.just(TRACED)}
         always |= {"downlink": some_of(DISPLAY) | st.just(TRACED)}
-    if draw(st.booleans()):  # with costs, in all rows
-        always |= {name: OWN[name] for name in LIMITS}
+    always |= LIMITS if draw(st.booleans()) else {}  # in all rows
     row = st.fixed_dictionaries(always, optional={name: of for name, of in optional.items() if name not in always})
     if common["privileged"]:  # in each row a critic observes what any row draws
         return [common | draw(row)] * count
