@@ -14,13 +14,13 @@ from agents.baselines import PaperTrapezoid
 from agents.evaluate.scenario_batch import VALIDATION_SEED, ScenarioBatch
 from agents.setups import Setup, load_setup
 from agents.setups.evaluation import variants
-from agents.setups.feasible import corners, doubts
+from agents.setups.feasible import corners, doubts, hardest_hit, lag, least_speed
 from agents.setups.keys import prefixed_errors
 from agents.train.ppo import Run
 from impact_gym.quantities import QUANTITIES
 from impact_gym.support.command_line import run_command
 from impact_gym.support.files import whole_file
-from impact_gym.task import ObservationSpec, Task
+from impact_gym.task import ObservationSpec
 
 SAMPLE = 500  # number of scenarios that the paper's rule plays
 
@@ -38,13 +38,6 @@ class Check:
     """Name of a shipped set-up, or file of a set-up."""
     picture: Path | None = None
     """PNG file for the picture; by default reports/setups/NAME.png. Drawing needs the package's extra `render`."""
-
-
-def lag(task: Task) -> float:
-    """Return the tool's steady lag (m) behind the commanded motion at full acceleration."""
-    acceleration = task.acceleration_range[1]
-    arm = (task.robot.mass + task.tool_mass) / task.robot.stiffness if task.robot else 0.0
-    return float(task.coupling.lag(task.tool_mass, acceleration) + acceleration * arm)
 
 
 def lines(setup: Setup) -> Iterator[str]:
@@ -66,7 +59,8 @@ def lines(setup: Setup) -> Iterator[str]:
         if name != "time_weight":
             yield f"  {name}: {ends}{'' if quantity.unit == '-' else f' {quantity.unit}'}, {how}"
     yield "\nwhat follows"
-    yield from (f"  warning: {sentence}" for sentence in doubts(task))
+    yield from (f"  warning: {sentence}" for sentence in doubts(task, setup.evaluation.weights))
+    yield f"  {least_speed(task)}"
     lags = [1e3 * lag(corner) for corner in corners(task)]
     behind = " to ".join(dict.fromkeys((f"{min(lags):.3g}", f"{max(lags):.3g}")))
     yield f"  the tool lags {behind} mm behind at the full {task.acceleration_range[1]:g} m/s^2"
@@ -76,6 +70,10 @@ def lines(setup: Setup) -> Iterator[str]:
         f"  in {SAMPLE} scenarios, the paper's rule leaves the object {played.object_velocity.mean():.3f} m/s (mean),"
         f" {'is done' if task.operator else 'arrives'} after {played.approach_time.mean():.3f} s and misses"
         f" {int(played.missed.sum())}"
+    )
+    yield (
+        f"  an object that is missed costs {task.missed_cost:g} m/s besides the time, V_p of the hardest hit is about"
+        f" {hardest_hit(task):.2g} m/s; each percent of misses adds {0.01 * task.missed_cost:g} m/s to the mean cost"
     )
     if 0.0 < (force := task.coupling.holding_force) < math.inf:
         yield f"  the front stop holds the tool with {force:.3g} N; below that force the coupling is rigid"

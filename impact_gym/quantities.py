@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple
 
 from impact_gym.support.validation import Range, interval, number
 
-HORIZON = 1.2  # s, default of the environment's argument `horizon`
+HORIZON = 1.2  # s, `horizon` of the default environment, see `task.reach.usual_horizon`
 AFTER_ALARM = 0.15  # s, default of the environment's argument `after_alarm`
 PAST_READINGS = 3  # largest number of earlier readings of each sensor in an observation
 LARGEST_WEIGHT = 1e6  # m/s, largest cost of a second, of a newton or of a missed object, so that rewards stay finite
@@ -277,6 +277,8 @@ OTHERS = (
     Quantity("horizon", "end of an episode without an alarm", "s", Limits(at_least=1e-3, at_most=1e3)),
     Quantity("after_alarm", "time from the alarm to the end of an episode", "s", Limits(at_least=1e-3, at_most=1e3)),
     Quantity("missed_cost", "cost of an object that was not touched", "m/s", WEIGHT),
+    Quantity("force_limit", "largest peak force without a cost", "N", Limits(above=0.0, at_most=1e6)),
+    Quantity("velocity_limit", "largest V_p without a cost", "m/s", POSITIVE),
     Quantity("control_period", "control period", "s", Limits(at_least=1e-4, at_most=0.15)),
     Quantity("velocity_range", "range of an action's first number", "m/s", OFFSET),
     Quantity("acceleration_range", "range of an action's second number", "m/s^2", Limits(at_least=1e-9, at_most=1e6)),

@@ -85,7 +85,7 @@ class ImpactVecEnv(VecEnv):
         terminated, truncated = self.envs.play(self._actions)
         batch, ended = self.envs.batch, terminated | truncated
         rewards = batch.rewards.astype(np.float32)
-        infos = batch.link_infos()
+        infos = batch.step_infos()
         if ended.any():
             rows = np.flatnonzero(ended)
             lasts, cuts = batch.observations[rows], (truncated & ~terminated)[rows].tolist()

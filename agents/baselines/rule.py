@@ -200,7 +200,7 @@ def tuned_rule(content: Mapping[str, Any]) -> Rule:
     """Return the rule from the content of a tuned baseline's file, with its parameters for all time weights."""
     if not content["weights"]:
         raise ValueError(f"the file of baseline {content['baseline']!r} has no time weight: run impact-gym tune")
-    table, task = tuned_parameters(content), Task(**content["environment"])
+    table, task = tuned_parameters(content), Task.of_file(content["environment"])
     rule = RULES[content["rule"]].of([*table.values()], ranges_for(task)).for_task(task)
     rule.weights = [*table]
     return rule

@@ -50,7 +50,7 @@ def logged(exported: Exported, episodes: int) -> Log:
         obeyed = begun
         batch.step(actions, ended)
         if task.operator:
-            obeyed, executed = (batch.link_columns()[name][:, 0] for name in ("teleop_action", "intervene_action"))
+            obeyed, executed = (batch.step_columns()[name][:, 0] for name in ("teleop_action", "intervene_action"))
             stop = np.where(obeyed == 0.0, task.acceleration_range[1], command[:, 1])
             command = np.stack([executed, stop], axis=-1)
         commands.append(command)

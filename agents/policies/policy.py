@@ -140,7 +140,7 @@ class Ensemble:
     @classmethod
     def unpacked(cls, content: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> "Ensemble":
         """Return the ensemble from the content and arrays that `packed` returns."""
-        task = Task(**without_files(content["environment"]))
+        task = Task.of_file(without_files(content["environment"]))
         if any(content[name] != table for name, table in scales(task).items()):
             raise ValueError("it was made for other scales of observation or action than those of this version")
         weights: dict[str, dict[str, NDArray[Any]]] = {seed: {} for seed in content["provenance"]}

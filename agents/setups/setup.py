@@ -180,6 +180,7 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
     refuse_unknown("environment.", environment, SET_UP_ARGUMENTS)
     with prefixed_errors("environment"):
         task = Task(**environment)
+        environment = task.arguments()  # so that a part of them, without the scenario, has the same horizon
     refuse_unknown("baselines.", baselines, ("against", "tuned", "bound", "budget"))
     usual = {f"{path.stem}-profile": (BlindProfile if task.range_noise is None else RangedProfile).__name__}
     listed = table(baselines, "tuned", "baselines.") or usual

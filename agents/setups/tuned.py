@@ -59,7 +59,7 @@ def read_tuned(name: str | Path, folder: Path | None = None, setup: Setup | None
     try:
         content: dict[str, Any] = parsed(path, "JSON", json.loads)
         refuse_altered(content["sha256"], {field: value for field, value in content.items() if field != "sha256"})
-        task = Task(**without_files(content["environment"]))
+        task = Task.of_file(without_files(content["environment"]))
         expected = _description(name, setup.tuned[name].rule if setup else RULES[content["rule"]], task)
         other = [field for field, value in expected.items() if content[field] != value]
         if setup and not setup.describes(task):
@@ -112,7 +112,7 @@ def read_bound(setup: Setup, folder: Path = TUNED, generations: int = BOUND_GENE
     content, arrays = read_archive(path, BOUND_FORMAT)
     environment = content.pop("environment", {})
     search = {"set": BOUND_SET, "parameters": Clairvoyant.names(), "generations": generations}
-    if content != search or not setup.describes(Task(**environment)):
+    if content != search or not setup.describes(Task.of_file(environment)):
         remedy = f"run impact-gym tune {setup.cli_name} --bound"
         raise ValueError(f"{path} has a clairvoyant bound for another environment or other search settings: {remedy}")
     return {float(weight): parameters for weight, parameters in arrays.items()}

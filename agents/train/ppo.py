@@ -121,6 +121,7 @@ def make_environments(run: Run) -> ScaledRewards:
     training, slots = run.training, run.slots if any(run.slots) else None
     faster = {} if training.rtol is None else {"rtol": training.rtol}
     arguments = run.task.changed({**faster, "privileged": training.informed_critic}).arguments()
+    arguments["horizon"] = run.task.horizon  # in all slots
     envs = ImpactVecEnv(training.envs, threads=training.simulation_threads, per_slot=slots, **arguments)
     return ScaledRewards(envs, training.weight_power)
 

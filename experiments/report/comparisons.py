@@ -203,7 +203,7 @@ def of_policies(
     for path in map(Path, paths):
         policy = load_policy(path)
         trained_in = {name: value for name, value in policy.environment.items() if name != "time_weight"}
-        arguments = {**trained_in, **changes}
+        arguments = {**trained_in, **({"horizon": policy.task.horizon} if changes else {}), **changes}
         environment, of_environment = environment_and_scenarios(arguments, scenarios)
         with prefixed_errors(f"{path} with environment {[*changes]}"):
             Policy(policy.network, Task(**environment), {})  # raises ValueError if the network does not fit

@@ -17,6 +17,7 @@ from impact_gym.support.threads import CORES, over_rows
 from impact_gym.support.validation import array, fits_memory, number, one_of, whole
 from impact_gym.task.episodes import EpisodeState, first_uniforms, records_with
 from impact_gym.task.observation import ObservationSpec, place
+from impact_gym.task.pack_task import pack_task
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.task import PLACES, Task
 from impact_gym.teleop.operators import Person
@@ -101,7 +102,7 @@ class Batch:
     def _pack(self, tasks: Sequence[Task]) -> None:
         records, draws, tables, numbers = [], list[tuple[Any, ...]](), [], 0
         for task in tasks:
-            record, its_draws, table = task.pack(len(draws), numbers)
+            record, its_draws, table = pack_task(task, len(draws), numbers)
             records.append(record)
             draws += its_draws
             tables.append(table)
@@ -239,21 +240,22 @@ class Batch:
         """Return the info of each of `rows`, with Python values."""
         return self._infos.infos(self.episodes, self.chains, rows)
 
-    def link_columns(self) -> dict[str, NDArray[Any]]:
-        """Return the entries that an operator adds to a step's info, (size,) or (size, 1); see `ImpactTeleopEnv`."""
+    def step_columns(self) -> dict[str, NDArray[Any]]:
+        """Return the entries that limits and an operator add to a step's info, (size,) or (size, 1)."""
+        costs = self._infos.costs(self.episodes)
         if not len(self.links):
-            return {}
+            return costs
         sensors, obeyed = self.episodes["sensors"], self.links["effective"].copy()
         executed = sensors["executed"].copy()
-        return {
+        return costs | {
             "command": sensors["command"].copy(), "command_age": sensors["command_age"].copy(),
             "is_intervention": np.abs(executed - obeyed) > INTERVENTION,
             "teleop_action": obeyed[:, None], "intervene_action": executed[:, None],
         }  # fmt: skip
 
-    def link_infos(self) -> list[dict[str, Any]]:
-        """Return the entries of `link_columns` for each row, as Python values and arrays (1,)."""
-        columns = self.link_columns()
+    def step_infos(self) -> list[dict[str, Any]]:
+        """Return the entries of `step_columns` for each row, as Python values and arrays (1,)."""
+        columns = self.step_columns()
         lists = {name: list(column) if column.ndim > 1 else column.tolist() for name, column in columns.items()}
         return [{name: values[row] for name, values in lists.items()} for row in range(self.size)]
 

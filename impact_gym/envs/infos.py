@@ -62,7 +62,16 @@ class Infos:
         entries = {name: place for place, name in enumerate([*numbers, *OTHERS])}
         self._numbers = np.array([[_PLACES[name]] for name in numbers.values()])
         self._layout = grouped(entries)
+        limits = [(task.force_limit or np.inf, task.velocity_limit or np.inf) for task in tasks]
+        self._limits = np.array(limits).T if np.isfinite(limits).any() else None
         self._layouts = [grouped({name: entries[name] for name in (*numbers_of([task]), *OTHERS)}) for task in tasks]
+
+    def costs(self, episodes: Records) -> dict[str, NDArray[np.int64]]:
+        """Return the entry `cost` (size,) of a step's info, see `ImpactApproachEnv`; nothing if no task has a limit."""
+        if self._limits is None:
+            return {}
+        (force, speed), terms = self._limits, episodes["terms"]  # before the end of an episode, both terms are 0
+        return {"cost": ((terms["force"] > force) | (terms["speed"] > speed)).astype(np.int64)}
 
     def infos(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> list[dict[str, Any]]:
         """Return the info of each of `rows`; the info's record has the numbers that the row's task draws."""

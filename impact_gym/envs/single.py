@@ -49,9 +49,8 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     | 0   | velocity to go to          | -0.5  | 1.5   | m/s   | `velocity_range`     |
     | 1   | acceleration to use for it | 1     | 20    | m/s^2 | `acceleration_range` |
 
-    The environment rounds the velocity to 1e-6 m/s and the acceleration to 1e-6 m/s^2. `action_spec` of the unwrapped
-    environment has two methods: `decode(action)` returns velocity and acceleration in SI units, and
-    `encode(velocity, acceleration)` returns an action.
+    Both are rounded to 1e-6 m/s or m/s^2. `action_spec` of the unwrapped environment has two methods:
+    `decode(action)` returns both in SI units, and `encode(velocity, acceleration)` returns an action.
 
     ## Observation Space
     `Box(..., (8,), float32)`. The last column of the table names the arguments that add or change a number. Each number
@@ -60,9 +59,8 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     compliant `robot` deviates from it. `sensors()` of the unwrapped environment returns the sensor values in SI units.
 
     `observation_spec` of the unwrapped environment describes the observation. Its tuple `ids` has an id per number,
-    such as "alarm". `index(id)` returns the index of the number in the observation. `decode(observation, id)` returns
-    the number in SI units. The slice `observation_spec.actor` selects the numbers for a controller. The slice
-    `observation_spec.critic` selects all numbers.
+    such as "alarm". `index(id)` returns the index of a number in the observation, and `decode(observation, id)` the
+    number in SI units. The slice `actor` selects the numbers for a controller, and the slice `critic` all numbers.
 
     `privileged=True` appends numbers for a critic: the object's true mass, contact stiffness, restitution and distance,
     the reaction delay, and all numbers in the second table of Starting State that are drawn per episode. If `alarm` is
@@ -92,6 +90,9 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     object's largest velocity. If the object was not touched, this step adds `-missed_cost` (-2). If V_p is at most
     `missed_cost` and `force_weight` is 0, the return lies in [-time_weight * horizon - missed_cost, 0].
 
+    With a `force_limit` or `velocity_limit`, each step's `info` has `cost`: 1 if the step terminates an episode whose
+    peak force or V_p is above its limit, otherwise 0.
+
     ## Starting State
     Flange, tool and object are at rest, the flange at position 0. The coupling is relaxed, but a bistable coupling
     rests on its front stop. Each episode takes eleven uniform random numbers from `np_random`. These numbers determine
@@ -114,8 +115,8 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     - `{"scenario": {...}}` fixes some or all of the scenario fields above.
     - `{"record": {...}}` fixes some or all of the drawn numbers. To repeat an episode, give its final `info["record"]`
-      and the same actions. A reaction delay must not exceed the environment's largest reaction delay. A number of the
-      second table must lie in the environment's range for this number. A number must not be given twice.
+      and the same actions. A reaction delay must not exceed the environment's largest reaction delay. Numbers of
+      the second table must lie in the environment's ranges. No number may be given twice.
 
     ## Episode End
     An episode terminates 0.15 s (`after_alarm`) after the alarm. If the object was touched, the flange then brakes to
@@ -127,16 +128,15 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     Without an alarm an episode terminates at 1.2 s (`horizon`). An object that was touched too softly to raise the
     alarm counts as touched. If the object was not touched, the episode is `missed`. An episode also terminates if the
     solver fails. Then the reward is the same as for a missed episode, and `info["status"]` gives the cause. Episodes
-    are truncated only after `max_episode_steps`: by Gymnasium's wrapper `TimeLimit`, or in a batch by the batch itself.
+    are truncated only after `max_episode_steps`: by Gymnasium's `TimeLimit`, or by the batch.
 
     The final `info` has `object_velocity` (m/s), `approach_time` (s), `peak_force` (N), `contact_count`, `missed`,
     `time_weight`, `reward_terms`, `scenario`, `record` and `status`. `reward_terms` has the terms time, velocity, force
     and missed; their sum is the return. `record` has all drawn numbers. With `friction` the final `info` also has
     `slide` and `rest_time`. `slide` (m) is the distance from the object's first position to the place where it comes to
-    rest if no contact follows. `rest_time` (s) is the time from which the object rests and the tool is slower than
-    1 mm/s; inf if the simulation ends before the tool is so slow. The tool is checked once per ms after the flange has
-    stopped, so `rest_time` is never before this stop. A truncated episode has no final `info`. Then, and during an
-    episode, `env.unwrapped.episode_info()` returns the present values.
+    rest if no contact follows. `rest_time` (s) is the time from which the object rests and, checked once per ms after
+    the flange has stopped, the tool is slower than 1 mm/s; inf if the simulation ends before. A truncated episode has
+    no final `info`. Then, and during an episode, `env.unwrapped.episode_info()` returns the present values.
 
     ## Arguments
     To draw a number of a coupling or robot from a range, give a dict:
@@ -144,19 +144,18 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ARGUMENT_TABLE
 
-    Two more arguments are `render_mode` (None, "human", "rgb_array" or "rgb_array_list", see Rendering) and
-    `record_trace` (True: keep the time histories of the episode, which `trace()` returns).
+    Two more arguments are `render_mode` (None, "human", "rgb_array" or "rgb_array_list") and
+    `record_trace` (True: keep time histories, which `trace()` returns).
 
     ## Rendering
     Rendering needs the packages of the extra `render`, and does not change any result. A picture shows flange,
-    coupling, tool and object to scale. It also shows the gap, the object's velocity and the state of the alarm, and at
-    the end of the episode the result.
+    coupling, tool and object to scale, the gap, the object's velocity, the alarm and, at the end, the result.
 
-    - "human" and "rgb_array_list" show the episode in slow motion, with many pictures per step. Each picture states the
-      factor of the slow motion. `impact_gym.render.film.SlowMotionVideo` writes a film of 6 to 10 s.
+    - "human" and "rgb_array_list" show the episode in slow motion, with many pictures per step.
+      `impact_gym.render.film.SlowMotionVideo` writes a film of 6 to 10 s.
     - "rgb_array" gives one picture at the end of each step. From these pictures Gymnasium's `RecordVideo` makes a film
       with a constant slow-motion factor, set by `render_fps` in the metadata. In a batch of at most 16 environments,
-      `render` returns a picture of each. Gymnasium's `RecordVideo` for vector environments shows them side by side.
+      `render` returns a picture of each, and `RecordVideo` shows them side by side.
 
     ## Version History
     * v0: first version; it may still change until version 0.1.0 of the package is released
@@ -251,7 +250,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         batch.step(action, _NO_SKIP, (len(batch.action_spec),))
         terminated = bool(batch.episodes["terminated"][0])
         self._running = not terminated
-        info = (batch.link_infos()[0] if len(batch.links) else {}) | (batch.info(0) if terminated else {})
+        info = batch.step_infos()[0] | (batch.info(0) if terminated else {})
         if self.render_mode == "human":
             self.render()
         return batch.observations[0].copy(), float(batch.rewards[0]), terminated, False, info

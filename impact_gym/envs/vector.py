@@ -31,8 +31,8 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
 
     - `autoreset_mode`: with NEXT_STEP, the default, the step after the last step of an episode ignores the action,
       starts the next episode and has the reward 0. With SAME_STEP the last step itself starts the next episode; the
-      last observation and info are in `infos["final_obs"]` and `infos["final_info"]`. With DISABLED the user resets
-      slots by `reset(options={"reset_mask": ...})`.
+      last observation and info, with `cost`, are in `infos["final_obs"]` and `infos["final_info"]`. With DISABLED the
+      user resets slots by `reset(options={"reset_mask": ...})`.
     - `render_mode`: None or, for at most 16 environments, "rgb_array".
     - `threads`: number of threads, which changes no result.
     - `per_slot`: for each slot a mapping of arguments that differ in this slot. Slots must observe the same numbers.
@@ -70,6 +70,10 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         for slot, changes in enumerate(per_slot or ()):
             one_of(f"per_slot[{slot}]", changes, Mapping)
             tasks.append(Task.of(f"per_slot[{slot}]", {**arguments, **changes}))
+        longest = max(task.horizon for task in tasks)
+        for slot, changes in enumerate(per_slot or ()):  # all slots must observe the time alike
+            if tasks[slot].horizon < longest:
+                tasks[slot] = Task(**{"horizon": longest, **arguments, **changes})
         self.batch = batch = Batch(self.num_envs, tasks, threads, 0 if render_mode is None else TRACE_POINTS)
         self.set_scenario, self.sensors, self.command = batch.set_scenario, batch.sensors, batch.set_operator_velocity
         self.metadata["render_fps"] = steps_per_second(tasks[0])
@@ -135,8 +139,8 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         batch, ended = self.batch, self._ended
         same_step = self.autoreset_mode is AutoresetMode.SAME_STEP
         acted = ~self._skipped & ~(ended & same_step)
-        links, (rewards, scalar) = batch.link_columns(), self._rewards()
-        infos = masked(scalar, np.ones_like(ended)) | (masked(of_rows(links, acted), acted) if acted.any() else {})
+        entries, (rewards, scalar) = batch.step_columns(), self._rewards()
+        infos = masked(scalar, np.ones_like(ended)) | (masked(of_rows(entries, acted), acted) if acted.any() else {})
         if ended.any():
             rows = np.flatnonzero(ended)
             finals = masked(batch.info(np.flatnonzero(terminated)), terminated) if terminated.any() else {}
@@ -146,7 +150,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
                 final = np.full(self.num_envs, None, object)
                 for row in rows:
                     final[row] = batch.observations[row].copy()
-                finals |= masked(of_rows(links, ended), ended)
+                finals |= masked(of_rows(entries, ended), ended)
                 infos |= {"final_obs": final, "_final_obs": ended, "final_info": finals, "_final_info": ended.copy()}
                 batch.begin(rows, self._generators)
                 self._ended = np.zeros_like(ended)

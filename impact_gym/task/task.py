@@ -1,23 +1,21 @@
-"""The arguments of the environment: `Task` checks them and converts them for the compiled program."""
+"""The arguments of the environment, which `Task` checks."""
 
-import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, Self, get_args
 
-import numpy as np
-
 from impact_gym.couplings import COUPLINGS, SpringDamper, warn_of_stroke
-from impact_gym.kernels import RECORD, TASK
-from impact_gym.pack import LOCAL_SHARE, indices, pack_mount
+from impact_gym.kernels import RECORD
+from impact_gym.pack import indices
 from impact_gym.quantities import AFTER_ALARM, HORIZON, PAST_READINGS, QUANTITIES, SET_UP
 from impact_gym.scene import Contact, Robot
 from impact_gym.support.dotted_paths import get, grouped
 from impact_gym.support.validation import Range, WrongTypeError, choice, flag, number, one_of, shown, whole
 from impact_gym.task.action import ActionSpec
 from impact_gym.task.range_sensor import RangeSensor
+from impact_gym.task.reach import reach, usual_horizon
 from impact_gym.task.scenario import ScenarioRanges, ranged_record
 from impact_gym.teleop.channels import WAYS, Channel
 from impact_gym.teleop.link import Link
@@ -27,6 +25,10 @@ VELOCITY_RANGE = (-0.5, 1.5)  # m/s, default of the argument `velocity_range`
 ACCELERATION_RANGE = (1.0, 20.0)  # m/s^2, default of the argument `acceleration_range`
 MISSED_COST = 2.0  # m/s, default of the argument `missed_cost`
 SETTLE_LIMIT = 10.0  # s, longest simulation after the end of an episode
+SINGLE_NUMBERS = (
+    "force_weight", "control_period", "rtol", "horizon", "after_alarm", "missed_cost", "force_limit", "velocity_limit",
+)  # fmt: skip
+"""Arguments that are always one number, never a range."""
 MOST_STEPS = 2**53  # largest value of `max_episode_steps`
 PLACES = indices(RECORD)
 """Index of each number of an episode, by id, in the compiled record RECORD."""
@@ -80,9 +82,14 @@ class Task:
     privileged: bool = argument(False, "also observe true values for a critic, see Observation Space")
     robot: Any = argument(None, "a compliant `Robot`, or a dict; None: a rigid one")
     rtol: float = argument(1e-8, "relative error allowed in a contact, see `simulate`")
-    horizon: float = argument(HORIZON, "end of an episode without an alarm")
+    horizon: Any = argument(
+        None,
+        "end of an episode without an alarm; None: time to the farthest object at 1/5 of the top speed, 1.2 or more",
+    )
     after_alarm: float = argument(AFTER_ALARM, "from the alarm to the end of an episode")
     missed_cost: float = argument(MISSED_COST, "cost of an object that was not touched")
+    force_limit: float | None = argument(None, "")
+    velocity_limit: float | None = argument(None, "")
     operator: Any = argument(None, "operator, see `impact_gym.operators`, or a dict; None: the controller alone")
     uplink: Any = argument(None, "`Channel` of the operator's commands, or a dict; None: without delay or loss")
     downlink: Any = argument(None, "`Channel` of the operator's view, or a dict; None: without delay or loss")
@@ -95,7 +102,10 @@ class Task:
     def __new__(cls, **given: Any) -> Self:
         """Keep the arguments as given, for the method `arguments`."""
         self = super().__new__(cls)
-        self._put("_given", {name: {**value} if isinstance(value, dict) else value for name, value in given.items()})
+        kept = {name: {**value} if isinstance(value, dict) else value for name, value in given.items()}
+        if kept.get("horizon", 0.0) is None:
+            del kept["horizon"]
+        self._put("_given", kept)
         return self
 
     def __post_init__(self) -> None:
@@ -118,11 +128,14 @@ class Task:
                 unit = QUANTITIES[name].unit
                 raise ValueError(f"{name} must be a pair (low, high) in {unit}, low below high, got {shown(value)}")
             self._put(name, low if low == high else (low, high))
-        for name in ("force_weight", "control_period", "rtol", "horizon", "after_alarm", "missed_cost"):
-            self._put(name, QUANTITIES[name].check(getattr(self, name)))
+        for name in SINGLE_NUMBERS:
+            if name in checked:
+                self._put(name, QUANTITIES[name].check(getattr(self, name)))
         self._put("drawn", {row.id: drawn[row.id] for row in SET_UP if row.id in drawn})
         if self.velocity_range[1] <= 0.0:
             raise ValueError(f"velocity_range must end above 0 m/s, got {self.velocity_range}")
+        if self.horizon is None:
+            self._put("horizon", usual_horizon(self.scenario.distance[1], self.velocity_range[1]))
         self._check_choices()
         if self.operator is None and (self.uplink or self.downlink):
             raise ValueError("uplink and downlink must be None without an operator")
@@ -146,9 +159,21 @@ class Task:
             )
         return cls(**given)
 
+    @classmethod
+    def of_file(cls, arguments: Mapping[str, Any]) -> Self:
+        """Return the task whose method `arguments` gave `arguments`, for a file; without a horizon it is HORIZON."""
+        return cls(**{**arguments, "horizon": arguments.get("horizon", HORIZON)})
+
     def arguments(self) -> dict[str, Any]:
-        """Return the arguments as they were given: `Task(**task.arguments())` equals the task."""
-        return dict(self._given)
+        """Return the arguments as they were given, and the horizon: `Task(**task.arguments())` equals the task.
+
+        A horizon of HORIZON is left out if it also follows from the other arguments, with and without the scenario.
+        """
+        distances = self.scenario.distance[1], ScenarioRanges.distance[1]
+        followed = {usual_horizon(distance, self.velocity_range[1]) for distance in distances}
+        left_out = ("horizon",) if {self.horizon, *followed} == {HORIZON} else ()
+        given = {**self._given, "horizon": self._given.get("horizon", self.horizon)}
+        return {name: value for name, value in given.items() if name not in left_out}
 
     def by_path(self) -> dict[str, Any]:
         """Return arguments except `scenario`, and their parts (`_parts`), by dotted path. A range stays as given."""
@@ -157,8 +182,11 @@ class Task:
         return values | {f"{name}.{part}": value for name, its in parts.items() for part, value in its.items()}
 
     def changed(self, by_path: Mapping[str, Any]) -> "Task":
-        """Return a copy with the values in `by_path`; a path is an argument or a part, such as "coupling.stiffness"."""
-        arguments = self.arguments()
+        """Return a copy with the values in `by_path`; a path is an argument or a part, such as "coupling.stiffness".
+
+        The horizon stays the same, unless `by_path` has another one; None: the one that follows from the new values.
+        """
+        arguments = {**self._given, "horizon": self._given.get("horizon", self.horizon)}
         for name, value in grouped(by_path).items():
             if name not in by_path:  # `by_path` has parts of this argument
                 value = {"type": type(getattr(self, name)).__name__, **self._parts(name), **value}
@@ -217,9 +245,7 @@ class Task:
     @property
     def reach(self) -> float:
         """Largest distance that the flange covers in an episode without a touch, m."""
-        speed, acceleration = self.velocity_range[1], self.acceleration_range[1]
-        ramp = min(self.horizon, speed / acceleration)
-        return 0.5 * acceleration * ramp**2 + speed * (self.horizon - ramp)
+        return reach(self.velocity_range[1], self.acceleration_range[1], self.horizon)
 
     @property
     def ranges(self) -> dict[str, Range]:
@@ -254,47 +280,6 @@ class Task:
     def at(self, record: Mapping[str, float]) -> "Task":
         """Return a task in which numbers of `record` (an `info["record"]`) replace the ranges in `drawn`."""
         return self.changed({name: float(record[name]) for name in self.drawn}) if self.drawn else self
-
-    def pack(self, first_draw: int, table_at: int) -> tuple[Any, list[tuple[Any, ...]], Any]:
-        """Return a record (1,) of type TASK, a tuple (the fields of `kernels.DRAW`) for each draw, and the tables (n,).
-
-        `first_draw`: index of this task's first draw among the draws of all tasks. `table_at`: index of the first
-        number of this task's tables among the numbers of all tables.
-        """
-        mount, no_table = pack_mount(self.tool_mass, self.coupling, self.robot)
-        record = np.zeros(1, TASK)
-        record["mount"] = mount
-        numbers = record["numbers"]
-        numbers["coupling"], numbers["robot"] = record["mount"]["coupling"], record["mount"]["robot"]
-        tables = [no_table, *(self.link.pack(record, table_at + len(no_table)) if self.link else ())]
-        for part in ("range_sensor", "operator", *WAYS):
-            for name in numbers[part].dtype.names or ():
-                numbers[part][name] = getattr(getattr(self, part), name, None) or 0.0
-        if self.robot is None:
-            for name in numbers["robot"].dtype.names or ():
-                numbers["robot"][name] = math.inf  # a rigid robot
-        for row in SET_UP:
-            if "." not in row.id:
-                numbers[row.id] = getattr(self, row.id) or 0.0
-        draws = []
-        for name, (low, high) in self.ranges.items():
-            law: Any = QUANTITIES[name].draw
-            source = -1 - law.place if law.own_stream else law.place  # see `Draw` in `records.pxi`
-            draws.append((PLACES[name], source, QUANTITIES[name].by_ratio(low), low, high))
-        same = ("control_period", "horizon", "after_alarm", "missed_cost", "force_weight")
-        values = {name: getattr(self, name) for name in same} | {
-            "full_deceleration": self.acceleration_range[1], "settle_limit": SETTLE_LIMIT,
-            "reference_velocity": self.reference_velocity or 0.0, "velocity": self.velocity_range,
-            "action_size": len(self.action), "actions": self.action.pack(),
-            "first_draw": first_draw, "last_draw": first_draw + len(draws),
-            "mount_drawn": not self.drawn.keys().isdisjoint(MOUNT_IDS),
-            "range_sensor": self.range_sensor is not None, "alarm_by_reading": self.alarm == "reading",
-            "tolerance": LOCAL_SHARE * self.rtol, "exact": self.dissipation != "hu-guo",
-            "max_steps": self.max_episode_steps or 0,
-        }  # fmt: skip
-        for name, value in values.items():
-            record[name] = value
-        return record, draws, np.concatenate(tables)
 
 
 ARGUMENTS = {item.name: item for item in fields(Task) if item.init}

@@ -8,13 +8,14 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import tomli_w
-from episode_runs import Given, play
+from episode_runs import SLOW, Given, play
 from refusal import refused
 from solver_scenes import scene
 
 import impact_gym as ig
 from agents import check, load_setup
 from agents.baselines import FIXED, RULES, PaperTrapezoid
+from agents.evaluate.play import environment_and_scenarios
 from agents.evaluate.scenario_batch import ScenarioBatch
 from agents.setups import feasible, setup_tuning, shipped, shipped_baselines
 from agents.setups.evaluation import VARIED, Evaluation, variants
@@ -75,22 +76,49 @@ def test_lag_equals_the_lag_after_a_long_acceleration(coupling, robot):
 def test_reach_is_the_farthest_distance_within_an_episode(acceleration, speed):
     """At full acceleration the flange touches an object 0.1 % nearer than that, and misses one 0.1 % farther."""
     arm = {"acceleration_range": (1.0, acceleration), "velocity_range": (-0.1, speed), "coupling": {"type": "Rigid"}}
-    env, reach = gym.make("ImpactApproach-v0", scenario={"distance": 0.1}, **arm), Task(scenario="train", **arm).reach
+    env = gym.make("ImpactApproach-v0", scenario={"distance": 0.1}, **arm)
+    reach = env.unwrapped.task.reach
     for share, missed in ((0.999, False), (1.001, True)):
         options = {"record": {"distance": share * reach}}
         assert play(env, Given(repeat(np.ones(2, np.float32))), seed=0, **options).info["missed"] == missed
 
 
 def test_warnings_name_the_problems_of_some_episodes():
-    bistable, robot = {"coupling": ig.Bistable()}, ig.Robot(5.0, 80.0, 9.0)
+    bistable, robot, light = {"coupling": ig.Bistable()}, ig.Robot(5.0, 80.0, 9.0), {"tool_mass": 0.01}
     for environment, words in (
         ({}, []), (bistable | {"acceleration_range": (1.0, 8.0)}, []), (bistable, ["holds the tool up to 8.38 m/s^2"]),
         ({"scenario": {"distance": (0.2, 1.7)}}, ["ends at a flange position of 0.75"]),
-        ({"friction": (3.0, 30.0), "robot": robot}, ["friction is 3 to 30", "robot.stiffness is 80 N/m"]),
+        ({"friction": (3.0, 30.0), "robot": robot}, [
+            "friction is 3 to 30", "robot.stiffness is 80 N/m", "lags 1331 mm behind",
+        ]),
+        ({"scenario": {"distance": 0.6}, "range_noise": 0.01}, ["ends at an estimated distance of 0.5 m"]),
+        (SLOW, []), (SLOW | {"after_alarm": 0.0801}, []), (SLOW | {"after_alarm": 0.0799}, ["needs 0.16 s to stop"]),
+        (SLOW | {"horizon": 1.2}, ["the arm needs at least 0.52 m/s to 60 cm, more than a quarter"]),
+        (SLOW | {"acceleration_range": (0.1, 0.5)}, ["1.6 s to stop", "stops in 64 cm, but no object"]),
+        (light | {"coupling": ig.SpringDamper(0.5)}, ["lags 400 mm behind at 20 m/s^2, more than the 350 mm from"]),
+        (light | {"coupling": ig.SpringDamper(1.9)}, ["lags 105 mm behind at 20 m/s^2, more than the 100 mm of"]),
+        ({"coupling": ig.SpringDamper(49.0), "deflection_sensor": True}, ["lags 51 mm behind at 20 m/s^2, but"]),
+        ({"missed_cost": 0.41}, ["missed_cost is 0.41 m/s, but V_p can be 0.42 m/s"]), ({"missed_cost": 0.42}, []),
     ):  # fmt: skip
-        sentences = feasible.doubts(Task(**environment))
+        sentences = feasible.doubts(Task(**environment), (0.7, 4.0))
         assert len(sentences) == len(words), environment
         assert all(part in sentence for part, sentence in zip(words, sentences, strict=True))
+
+
+def test_weights_above_which_only_full_speed_pays_are_named():
+    """With V_p = 2 v, the cost 2 v + w d / v of a constant speed v falls up to v = sqrt(w d / 2)."""
+    task = Task(velocity_range=(-0.1, 0.3))
+    highest = 2.0 * 0.3**2 / 0.25
+    assert feasible.doubts(task, (0.99 * highest, 4.0)) == feasible.doubts(task)
+    (sentence,) = feasible.doubts(task, (1.01 * highest, 4.0))
+    assert "all time weights are above 0.72 m/s per s" in sentence
+
+
+@pytest.mark.filterwarnings("ignore:scenario.distance ends")
+def test_least_speed_says_if_the_farthest_object_is_out_of_reach():
+    far = {"scenario": {"distance": (0.2, 1.75)}, "horizon": 1.2}
+    assert feasible.least_speed(Task(**far)) == "within the horizon of 1.2 s the arm cannot reach 175 cm"
+    assert feasible.least_speed(Task(**far, velocity_range=(0.0, 2.0))).endswith("needs at least 1.5 m/s to 175 cm")
 
 
 def test_check_says_what_a_file_means(mine):
@@ -100,7 +128,9 @@ def test_check_says_what_a_file_means(mine):
     lags = [4e3 * (m / k + (8.0 + m) / k_r) for m in (0.3, 0.5) for k in (200, 400) for k_r in (5e4, 2e5)]  # mm
     for begin, expected in {
         "in 500 scenarios": of_rule, "the tool lags": [min(lags), max(lags), 4.0, 2.0], "on 30": [30, 1.0, 4.0],
-        "distance: ": [0.1, 0.3], "velocity to go to": [-0.2, 0.6],
+        "within the horizon": [2.5, round(4.0 * (2.5 - (2.5**2 - 2.0 * 0.3 / 4.0) ** 0.5), 2), 30],
+        "distance: ": [0.1, 0.3],
+        "an object that is missed": [2.0, 2.0 * 0.6 / (1.0 + 0.2 / 0.5), 0.02], "velocity to go to": [-0.2, 0.6],
     }.items():  # fmt: skip
         (line,) = [line for line in check.lines(setup) if line.strip().startswith(begin)]
         numbers = [float(number) for number in re.findall(r"-?\d+(?:\.\d+)?", line)]
@@ -149,6 +179,15 @@ def test_own_set_up_gets_simple_rivals_and_its_surroundings(tmp_path):
     for wrong in ([[0.7, 0.6]], {"times": [2.0]}, [-0.1]):
         path.write_text(tomli_w.dumps({"evaluation": {"varied": {"scenario.distance": wrong}}}))
         refused(lambda: load_setup(path), "evaluation.varied.scenario.distance")
+
+
+def test_horizon_of_a_set_up_does_not_depend_on_its_scenario(tmp_path):
+    """The report plays scenarios in an environment without them."""
+    (path := tmp_path / "slow.toml").write_text(tomli_w.dumps({"environment": SLOW}))
+    setup = load_setup(path)
+    environment, _ = environment_and_scenarios(setup.environment, {"set": "test", "count": 2})
+    assert (setup.task.horizon, Task(**environment).horizon, Task(**SLOW).horizon) == (3.8, 3.8, 3.8)
+    assert load_setup("paper-limits").task.horizon == 1.2
 
 
 @pytest.mark.parametrize("rule", RULES.values(), ids=RULES)

@@ -1,13 +1,13 @@
 """The environment plays the physics of `simulate` and of the independent solver; its sensors have errors."""
 
 import json
-from itertools import product
+from itertools import product, repeat
 from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from episode_runs import ID, PAPERS_SPRING, ROBOT, Always, Given, by_path, encode, play, steps
+from episode_runs import ID, PAPERS_SPRING, ROBOT, SLOW, Always, Given, by_path, encode, play, steps
 from scipy import stats
 from solver_scenes import scene
 
@@ -18,7 +18,7 @@ from agents.evaluate.scenario_batch import ScenarioBatch
 from agents.setups import load_setup
 from experiments.reference import task as slow
 from impact_gym.envs.batch import Batch
-from impact_gym.task import Task, evaluation_sets
+from impact_gym.task import ObservationSpec, Task, evaluation_sets
 from impact_gym.task.range_sensor import RangeSensor
 
 COUPLINGS = [PAPERS_SPRING, ig.SpringDamper(150.0, 0.2), ig.Rigid(), ig.Bistable()]
@@ -68,6 +68,47 @@ def test_object_never_reached_is_missed_after_the_horizon(options, count):
     assert (info["time_weight"], info["reward_terms"]["missed"]) == (weight, -cost)
     longest = {0.4: 0.55, 1.2: 1.5, 2.4: 3.0}[horizon]  # the observation's scale, s
     assert observations[-1, 2] == pytest.approx(2.0 * horizon / longest - 1.0, rel=0, abs=1.3e-7)
+
+
+@pytest.mark.parametrize(("options", "horizon"), [
+    ({}, 1.2), (SLOW, 3.8), ({"velocity_range": (-0.3, 0.5), "scenario": {"distance": (0.2, 0.8)}}, 8.0),
+    ({"scenario": {"distance": 0.36}}, 1.2), ({"scenario": {"distance": 0.361}}, 1.3), ({"scenario": "hard"}, 1.2),
+    ({"velocity_range": (-0.1, 2e-5), "scenario": {"distance": 0.01}}, 1000.0),
+], ids=str)  # fmt: skip
+def test_horizon_is_the_way_at_a_fifth_of_the_top_speed(options, horizon):
+    """Rounded up to 0.1 s, from 1.2 to 1000 s. Time is observed beyond it, and a quarter of the top speed is enough."""
+    task = Task(**options)
+    assert Task(horizon=None, **options) == task
+    assert (task.horizon, ObservationSpec(task).scale("time").high) == (horizon, max(1.25 * horizon, horizon + 0.15))
+    if horizon < 10.0:
+        far, (speed, acceleration) = task.scenario.distance[1], (0.25 * task.velocity_range[1], 5.0)
+        env, action = gym.make(ID, **options), task.action.encode(speed, acceleration)
+        info = play(env, Given(repeat(action)), seed=0, scenario={"distance": far}).info
+        assert info["approach_time"] == pytest.approx(far / speed + 0.5 * speed / acceleration, rel=1e-3)
+
+
+@pytest.mark.parametrize("options", [SLOW, {"velocity_range": (0.0, 1.0), "scenario": {"distance": 0.2}}], ids=str)
+def test_horizon_stays_in_changed_tasks_and_in_files(options):
+    """It stays also in a file's task without the scenario. A file of an earlier version means 1.2 s."""
+    task, far = Task(**options), {"scenario": {"distance": (0.6, 0.96)}}
+    assert task.changed(far) == Task(**options | far, horizon=task.horizon)
+    assert task.changed(far | {"horizon": None}) == Task(**options | far)
+    arguments = task.arguments()
+    assert Task(**arguments) == Task.of_file(arguments) == task
+    assert Task(**arguments | {"scenario": "train"}).horizon == task.horizon
+    assert Task.of_file(options).horizon == 1.2
+
+
+@pytest.mark.parametrize("limits", [{"force_limit": 10.0}, {"velocity_limit": 0.2}], ids=str)
+def test_cost_is_1_in_the_last_step_of_an_episode_above_a_limit(limits):
+    """Both `force_limit` and `velocity_limit` are off by default, see `play` in `episode_runs`."""
+    env, ends, ((name, limit),) = gym.make(ID, **limits), [], limits.items()
+    for seed, velocity in product(range(8), (-0.5, 0.3, 1.5)):
+        _, *before, end = (step[-1] for step in steps(env, Always(velocity, 20.0), seed))
+        assert [info["cost"] for info in before] == [0] * len(before)
+        assert end["cost"] == (end["peak_force" if name == "force_limit" else "object_velocity"] > limit)
+        ends.append(end["cost"])
+    assert {*ends} == {0, 1}
 
 
 @pytest.mark.parametrize("options", [{}, {"velocity_range": (-1.0, 0.5), "acceleration_range": (0.5, 10.0)}], ids=str)

@@ -22,7 +22,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import SyncVectorEnv
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from random_tasks import CHANNEL, OBSERVED, OWN, STORM, rows_of_tasks
+from random_tasks import CHANNEL, LIMITS, OBSERVED, OWN, STORM, rows_of_tasks
 from stable_baselines3.common.save_util import load_from_zip_file
 from stable_baselines3.common.vec_env import DummyVecEnv
 
@@ -121,7 +121,7 @@ def twin_of(envs, twin, fresh, actions):
 
 def test_every_argument_of_a_task_is_in_the_strategy():
     several = {"coupling", "range_noise", "range_bias", "range_sensor", "operator", "uplink", "downlink"}
-    assert {*ARGUMENTS} == {*OWN, *OBSERVED, *several, "reference_velocity"}
+    assert {*ARGUMENTS} == {*OWN, *OBSERVED, *LIMITS, *several, "reference_velocity"}
 
 
 @pytest.mark.parametrize("front", [*MODE, "stable-baselines3"])
@@ -236,6 +236,11 @@ def test_set_scenario_applies_from_the_next_episode_on():
         stable.env_method("set_scenario", scenario)
         masses.append(stable.envs.batch.info(1)["scenario"]["object_mass"])
     assert masses[0] < 2.5 < masses[1] == 3.0 < 4.0 <= masses[2] <= 5.0
+
+
+def test_slots_without_a_horizon_share_the_longest():
+    envs = made("NextStep", [{}, {"scenario": {"distance": (0.2, 0.72)}}, {"velocity_range": (-0.5, 1.5)}])
+    assert [task.horizon for task in envs.batch.tasks] == [2.4] * 3
 
 
 def worked(seed, threads):

@@ -45,7 +45,7 @@ def test_rules_of_authority_hold_for_any_action_and_channel():
             sensors, links, actions = batch.episodes["sensors"], batch.links, rng.uniform(-1.5, 1.5, (256, 3))
             now, speed, before = sensors["time"].copy(), sensors["velocity"].copy(), links.copy()
             batch.step(actions, np.zeros(256, bool))
-            command, executed, columns = links["effective"], sensors["executed"], batch.link_columns()
+            command, executed, columns = links["effective"], sensors["executed"], batch.step_columns()
             gain, share, withdrawal = 0.5 + 0.5 * np.clip(actions, -1.0, 1.0).T
             fading = 0.3 * np.clip(1.0 - (now - links["alarmed"] - 0.15) / 0.1, 0.0, 1.0)
             expected = np.clip(gain * command - withdrawal * fading, -0.3, 0.5)

@@ -83,6 +83,7 @@ SOFT = described("SpringDamper", SPRING) | described("Bistable", MECHANISM) | st
     ig.SpringDamper(150.0, 0.3), {"type": "SpringDamper", "stiffness": 80.0},
     ig.Bistable(80.0, rear_stop=-0.01), {"type": "Bistable"},
 ])  # fmt: skip
+LIMITS = {"force_limit": st.sampled_from([5.0, 25.0]), "velocity_limit": st.sampled_from([0.1, 0.5])}
 OWN = {
     **{name: number_or_range(*span) for name, span in SPANS.items() if name not in ESTIMATE},
     "scenario": st.sampled_from(["train", "hard"]) | some_of(SCENARIO),
@@ -117,6 +118,7 @@ def rows_of_tasks(draw, count=3):
         always |= {"friction": number_or_range(0.1, 0.5), "control_period": st.floats(0.012, 0.03)}
         always |= {"operator": operator | st.just(RECORDED), "uplink": some_of(CHANNEL) | st.just(TRACED)}
         always |= {"downlink": some_of(DISPLAY) | st.just(TRACED)}
+    always |= LIMITS if draw(st.booleans()) else {}  # in all rows
     row = st.fixed_dictionaries(always, optional={name: of for name, of in optional.items() if name not in always})
     if common["privileged"]:  # in each row a critic observes what any row draws
         return [common | draw(row)] * count
