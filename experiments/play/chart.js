@@ -12,7 +12,7 @@ function drawChart(svg, attempts, assists) {
   const y = (slide) => CHART.height - CHART.bottom - (CHART.height - CHART.top - CHART.bottom) * 100 * slide / most;
   const floor = y(0), step = round(most / 3), pace = latest > 6 ? 2 : 1;
   node("rect", {class: "gentle", x: CHART.left, y: y(GENTLE), width: CHART.width - CHART.left - CHART.right, height: floor - y(GENTLE)}, svg);
-  node("text", {class: "soft-text", x: CHART.width - CHART.right - 4, y: y(GENTLE) - 4, "text-anchor": "end"}, svg, "gentle: under 1 cm");
+  node("text", {class: "soft-text", x: CHART.left + 4, y: y(GENTLE) - 4}, svg, "gentle: under 1 cm");
   for (let k = 0; k * step < most; k++) {
     const at = y(k * step / 100);
     node("path", {class: k ? "grid" : "axis", d: path([[CHART.left, at], [CHART.width - CHART.right, at]])}, svg);
