@@ -1,7 +1,7 @@
 """Films that compare an attempt with variants. A variant has another assistance, another coupling, or no delay."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 from agents.setups import load_setup
 from experiments.lab import player
 from experiments.lab.player.films import COLUMNS, scene_of
-from experiments.play.assistance import COUPLINGS, PERIOD, PERSON, record_of, related, usual
+from experiments.play.assistance import COUPLINGS, PERIOD, record_of, related, usual
 from experiments.play.attempts import ROUNDING, Attempt, Live, replayed
 from experiments.play.clock import HOLD
 from impact_gym.teleop.channels import WAYS
@@ -70,32 +70,36 @@ class Hand:
     """
 
     def __init__(self, this: Attempt) -> None:
-        self.given = this.operator["velocity"]  # m/s, one each PERIOD
-        self.seen = len(self.given) if this.result["missed"] else _seen(this.result["touch_time"], this.record)
-        held = abs(self.given[-1]) > HOLD
-        self.last = self.given[-1] if held else 0.0
-        self.stop = SIMPLE_REACTION if held and this.assist != "none" else math.inf
+        given = this.operator["velocity"]  # m/s, one each PERIOD
+        seen = len(given) if this.result["missed"] else _seen(this.result["touch_time"], this.record)
+        self.before, self.after = given[:seen], given[seen:]
         self.words = "In each film, your hand does what you did, and reacts to the touch as fast as you did."
-        if math.isfinite(self.stop):
+        if abs(given[-1]) <= HOLD:
+            self.after.append(0.0)
+        elif this.assist != "none":
+            count = math.ceil(SIMPLE_REACTION / PERIOD)
+            self.after = [*[*self.after, *given[-1:] * count][:count], 0.0]
             self.words = "Your try ended before you let go. In the other films, your hand lets go "
-            self.words += f"{self.stop:.2f} s after it sees the touch, as persons do on average."
+            self.words += f"{SIMPLE_REACTION:.2f} s after it sees the touch, as persons do on average."
 
     def plays(self, variant: Attempt) -> Attempt:
         """Return the variant as played by this hand."""
-        live, seen = Live(replace(variant, operator=PERSON.copy())), math.inf
-        while not live.ended:
-            if math.isinf(seen) and live.batch.bodies().touched[0]:
-                seen = _seen(live.batch.info(0)["touch_time"], variant.record)
-            tick = round(live.next_tick / PERIOD)
-            now = min(tick, self.seen - 1) if tick < seen else self.seen + int(tick - seen)  # number in `given`
-            over = PERIOD * (tick - seen) >= self.stop
-            live.step(0.0 if over else self.given[now] if now < len(self.given) else self.last)
-        return live.finished()
+        live = _live(variant, self.before)
+        while not (live.ended or live.batch.bodies().touched[0]):
+            live.step()
+        seen = _seen(live.batch.info(0)["touch_time"], variant.record)
+        return _live(variant, [*self.before, *self.before[-1:] * seen][:seen] + self.after).finished()
 
 
 def _seen(touch: float, record: Mapping[str, float]) -> int:
     """Return the number of the first command that a person can give after seeing the touch, which is at `touch` (s)."""
     return math.ceil((touch + record["downlink.delay"]) / PERIOD - ROUNDING)
+
+
+def _live(variant: Attempt, given: Sequence[float]) -> Live:
+    """Begin a variant with these commands (m/s), one each PERIOD; the last one is held."""
+    times = [PERIOD * k for k in range(len(given))]
+    return Live(replace(variant, operator={"type": "Replay", "time": times, "velocity": [*given]}))
 
 
 def film(variants: Variants, words: str) -> dict[str, Any]:

@@ -9,6 +9,11 @@ window.fake = {
     .map((each) => [each.textContent, ...names.map((name) => Number(each.getAttribute(name)))]),
   pick: ([name, text]) => [...document.querySelectorAll(`[data-set=${name}]`)].find((each) => each.textContent === text).click(),
   pad: (axis) => { navigator.getGamepads = () => [null, {axes: [axis, 0], buttons: []}]; },
+  seek: (share) => {
+    const slider = document.querySelector("#film .igw-slider");
+    slider.value = share * slider.max;
+    slider.dispatchEvent(new Event("input"));
+  },
   // Texts of visible pictures in `selector` that their picture or the window cuts.
   cut: (selector) => [...document.querySelectorAll(`${selector} svg text`)].filter((text) => {
     const [box, frame] = [text, text.ownerSVGElement].map((each) => each.getBoundingClientRect());

@@ -42,12 +42,12 @@ function newtons(value) {
 
 const GENTLE = 0.01;  // m; a shorter slide is gentle
 
-// Return a length (m) as text. Near GENTLE, it is rounded away from GENTLE, so that the text agrees with the verdict.
+// Return a length (m) as text. What would be GENTLE by rounding, is rounded so that it agrees with the verdict.
 function centimetres(value) {
   if (value < 5e-5) return "less than 0.1 mm";
   if (value < 1e-3) return `${(1000 * value).toFixed(1)} mm`;
-  const away = value < GENTLE ? Math.floor : Math.ceil;
-  return Math.abs(value - GENTLE) < 5e-4 ? `${(away(1e4 * value) / 100).toFixed(2)} cm` : `${(100 * value).toFixed(1)} cm`;
+  const text = (100 * value).toFixed(Math.abs(value - GENTLE) < 5e-4 ? 2 : 1);
+  return `${text !== "1.00" ? text : value < GENTLE ? "0.99" : "1.01"} cm`;
 }
 
 // Centre a text of a picture of this width at x, but not so far out that the picture cuts it; `side` 1: begin it at x.
