@@ -55,10 +55,8 @@ def example(name: str) -> tuple[Variants, str]:
     record = record_of(usual(setup) | {"delay": 0.2, "jitter": 0.0})
     record["distance"] = float(np.mean(setup.task.scenario.distance))
     alone, braked = (Live(Attempt(name, assist, 0, record, hand)).finished() for assist in ("none", "brake"))
-    return {"A late hand alone": (alone, SENTENCES["none"]), "The same hand, brake on": (braked, SENTENCES["brake"])}, (
-        f"A model of a hand, which lets go {SIMPLE_REACTION:.2f} s after it sees the touch. "
-        "It sees everything 0.1 s late, and its commands arrive 0.1 s late."
-    )
+    words = f"A model of a hand, 0.1 s late each way, which lets go {SIMPLE_REACTION:.2f} s after it sees the touch."
+    return {"A late hand alone": (alone, ""), "The same hand, brake on": (braked, SENTENCES["brake"])}, words
 
 
 class Hand:

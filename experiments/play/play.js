@@ -95,24 +95,18 @@ function pickRound(number) {
 // Change settings, and show them.
 function choose(changes) {
   Object.assign(set_up, changes);
-  if (changes.setup) {
-    if (about().usual.stiffness === undefined) delete set_up.stiffness;
-    else set_up.stiffness = about().usual.stiffness;
-  }
+  if (changes.setup) set_up.stiffness = about().usual.stiffness;  // undefined: not on a spring
   drawStart();
   drawControls();
+  toStick();
 }
 
 function drawControls() {
   drawSettings(page.hello, set_up, (picked, free) => {
     if (free) pickRound(ROUNDS.length - 1);
     choose(picked);
-    toStick();
   });
-  drawRounds(set_up, page.round, (number) => {
-    pickRound(number);
-    toStick();
-  });
+  drawRounds(set_up, page.round, pickRound);
   const label = (id, text, key) => {
     part(id).replaceChildren(`${text} `);
     html("kbd", {}, part(id), key);
@@ -148,17 +142,12 @@ async function film(name) {
     box.innerHTML = text;
     box.prepend(html("h2", {}, null, name ? "Your own hand again" : "Why this is hard by hand"), html("p", {}, null, words));
     for (const watched of box.querySelectorAll("slow-motion")) watched.start();
-    if (name) summarise(slides);
+    const line = name && part("answer").querySelector(".again");
+    const texts = Object.entries(slides).map(([who, slide]) => `${who}: ${slide === null ? "missed" : centimetres(slide)}.`);
+    if (line) line.textContent = texts.join(" ");
   } catch (problem) {
     box.textContent = problem.message;
   }
-}
-
-// Write the slides of the film's attempts into the result, such as 'You: 12.2 cm. Your hand, brake on: 0.1 mm.'
-function summarise(slides) {
-  const texts = Object.entries(slides).map(([who, slide]) => `${who}: ${slide === null ? "missed" : centimetres(slide)}.`);
-  const line = part("answer").querySelector(".again");
-  if (line) line.textContent = texts.join(" ");
 }
 
 function result(entry) {
@@ -169,7 +158,7 @@ function result(entry) {
   const headline = entry.missed ? "You did not touch it." : `It slid ${centimetres(entry.slide)}, done after ${entry.done_time.toFixed(1)} s.`;
   html("p", {class: "big"}, box, headline);
   const score = [];
-  if (entry.missed) score.push("Push farther: the object is in the shaded range.");
+  if (entry.missed) score.push("Push farther, until the tool touches the object.");
   else score.push(entry.slide < GENTLE ? "Gentle!" : "Under 1 cm is gentle: be slow near the object, or take the brake.");
   if (page.won) score.push(`You have won this level. Next: ${ROUNDS[page.round + 1].task}`);
   if (Number.isFinite(best)) score.push(`Best so far: ${centimetres(best)}.`);

@@ -2,13 +2,15 @@
 const SVG = "http://www.w3.org/2000/svg";
 const COLUMNS = {};
 
-function node(name, attributes, parent, text) {
-  const made = document.createElementNS(SVG, name);
+function build(made, attributes, parent, text) {
   set(made, attributes);
   if (text !== undefined) made.textContent = text;
   if (parent) parent.appendChild(made);
   return made;
 }
+
+const node = (name, ...content) => build(document.createElementNS(SVG, name), ...content);
+const html = (name, ...content) => build(document.createElement(name), ...content);
 
 function set(element, attributes) {
   for (const key of Object.keys(attributes)) {
@@ -18,15 +20,6 @@ function set(element, attributes) {
 }
 
 const show = (element, visible) => { element.style.display = visible ? "" : "none"; };
-
-function html(name, attributes, parent, text) {
-  const made = document.createElement(name);
-  for (const key of Object.keys(attributes)) made.setAttribute(key, attributes[key]);
-  if (text !== undefined) made.textContent = text;
-  if (parent) parent.appendChild(made);
-  return made;
-}
-
 const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
 
 // Return a number as text with three significant digits, but at most three decimals.
@@ -36,13 +29,11 @@ function three(value) {
 }
 
 // Return a force (N) as text with at most two decimals.
-function newtons(value) {
-  return value >= 100 ? value.toFixed(0) : value >= 10 ? value.toFixed(1) : value.toFixed(2);
-}
+const newtons = (value) => value.toFixed(value >= 100 ? 0 : value >= 10 ? 1 : 2);
 
 const GENTLE = 0.01;  // m; a shorter slide is gentle
 
-// Return a length (m) as text. What would be GENTLE by rounding, is rounded so that it agrees with the verdict.
+// Return a length (m) as text. Rounding does not hide on which side of GENTLE it is.
 function centimetres(value) {
   if (value < 5e-5) return "less than 0.1 mm";
   if (value < 1e-3) return `${(1000 * value).toFixed(1)} mm`;
