@@ -26,6 +26,7 @@ SENTENCES = {
     "spring": "On a spring the light tool strikes first. It softens the blow, not the push: it helps most "
     "if the arm stops soon.",
     "bistable": "The mechanism snaps back if the object presses hard enough, until the arm has caught up.",
+    "stop": "The same try, but your hand lets go.",
     "delay": "You see the touch at once, and the arm gets your command at once.",
 }
 Variants = Mapping[str, tuple[Attempt, str]]
@@ -36,7 +37,8 @@ def again(this: Attempt) -> tuple[Variants, str]:
     """Return the player's attempt and its variants, and a sentence about the hand."""
     hand, record = Hand(this), this.record
     other, label = ("brake", "brake on") if this.assist == "none" else ("none", "no help")
-    changed = {label: (replace(this, assist=other), other)}
+    changed = {"letting go": (this, "stop")} if hand.stops else {}
+    changed[label] = replace(this, assist=other), other
     for kind, setup in related(load_setup(this.setup)).items():
         if setup != this.setup:
             same = {name: value for name, value in record.items() if not name.startswith("coupling.")}
@@ -71,14 +73,15 @@ class Hand:
         given = this.operator["velocity"]  # m/s, one each PERIOD
         seen = len(given) if this.result["missed"] else _seen(this.result["touch_time"], this.record)
         self.before, self.after = given[:seen], given[seen:]
+        self.stops = abs(given[-1]) > HOLD and this.assist != "none"
         self.words = "In each film, your hand does what you did, and reacts to the touch as fast as you did."
-        if abs(given[-1]) <= HOLD:
-            self.after.append(0.0)
-        elif this.assist != "none":
+        if self.stops:
             count = math.ceil(SIMPLE_REACTION / PERIOD)
             self.after = [*[*self.after, *given[-1:] * count][:count], 0.0]
             self.words = "Your try ended before you let go. In the other films, your hand lets go "
             self.words += f"{SIMPLE_REACTION:.2f} s after it sees the touch, as persons do on average."
+        elif abs(given[-1]) <= HOLD:
+            self.after.append(0.0)
 
     def plays(self, variant: Attempt) -> Attempt:
         """Return the variant as played by this hand."""
