@@ -66,7 +66,7 @@ class Faked:
 
     def frame(self, start, end, dt=0.016, touched=False):
         self.hear({"kind": "frame", "n": 0, "t": 1.0, "dt": dt, "touched": touched, "from": start, "to": end})
-        self.run(16)
+        self.run(32)  # the first picture may be drawn at once, the second 16 ms later
 
     def end(self, times=1, **result):
         entry = {"name": "try 1", "setup": self.setup, "assist": "none", "delay": 0.2, "marks": [], "missed": 0.0,
