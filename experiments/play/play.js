@@ -222,8 +222,7 @@ const HEARD = {
       stick.buzz();
     }
   },
-  ended(message) {
-    const {entry} = message;
+  ended({entry}) {
     over();
     page.attempts = [...page.attempts, entry].slice(-MOST_ATTEMPTS);
     if (page.frame) page.frame.still = false;

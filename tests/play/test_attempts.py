@@ -186,3 +186,9 @@ def test_key_still_down_at_the_end_is_let_go_in_the_films(assist):
     pushing = contest.film(*contest.again(let_go(reaction=60.0)))["slides"]  # a hand alone really pushes on
     assert pushing["You"] > 1.0
     assert pushing["Your hand, no delay"] > 1.0
+
+
+def test_film_of_a_missed_object_says_so():
+    """The hand lets go too soon in each variant."""
+    this = pushed(lambda time: 0.3 if time < 0.3 else 0.0, delay=0.2, jitter=0.0)
+    assert {*contest.film(*contest.again(this))["slides"].values()} == {None}

@@ -185,7 +185,8 @@ def _run(name: str, run: History, columns: Columns, limits: Mapping[str, float],
     operated = {}
     if run.task.operator:
         delay = run.info["record"].get("downlink.delay", run.task.downlink.delay)
-        operated = {"late": delay, **{name: run.info[name] for name in ("slide", "done_time", "rest_time")}}
+        rest = run.info["rest_time"] if run.touches.size else None
+        operated = {"late": delay, "rest_time": rest, **{name: run.info[name] for name in ("slide", "done_time")}}
     rows = thin(columns, limits, coarse)
     rows = rows[np.append(True, np.diff(np.round(columns["time"][rows], digits)) > 0.0)]
     return {
