@@ -167,6 +167,11 @@ def test_picture_moves_at_the_time_of_its_frames(faked, world):
                              for name, place in (("ghost", "cx"), ("object", "cx"), ("tool", "x")))  # fmt: skip
         assert ball - ghost == pytest.approx(0.02 * scale, abs=1)  # the ghost stays where the object was hit
         assert tool / scale - 0.02 == pytest.approx(home, abs=1 / scale)
+    faked.end(slide=0.9)  # farther than the picture shows
+    faked.run(32)
+    assert (page.locator("#picture .igw-object-text").text_content(), faked.ask("cut(given)", "#stage")) == (
+        "slid 90.0 cm", [],
+    )  # fmt: skip
 
 
 def test_gentle_tries_win_the_levels_and_end_in_free_play(faked, world):
