@@ -21,7 +21,7 @@ from impact_gym.support.validation import choice, number, numbers, one_of
 from impact_gym.task import Task
 
 AGREES = 0.01  # largest relative difference that late steps may make in an attempt that counts, see `timed_right`
-BUSY = "this computer was too busy; the try was not timed right: close other programs"  # mark of the other attempts
+BUSY = "this computer was late, and this changed the result: close other programs, or take a slower clock"  # the mark
 RESULTS = "object_velocity", "slide", "peak_force", "touch_time", "done_time", "withheld_share", "missed"
 ROUNDING = 1e-6  # allowed rounding error of times, as a fraction of a control period
 SLOWEST = 16.0  # largest `Attempt.slow`

@@ -12,7 +12,7 @@ function drawChart(svg, attempts, assists) {
   const y = (slide) => CHART.height - CHART.bottom - (CHART.height - CHART.top - CHART.bottom) * 100 * slide / most;
   const floor = y(0), step = round(most / 3), pace = latest > 6 ? 2 : 1;
   node("rect", {class: "gentle", x: CHART.left, y: y(GENTLE), width: CHART.width - CHART.left - CHART.right, height: floor - y(GENTLE)}, svg);
-  node("text", {class: "soft-text", x: CHART.width - CHART.right - 4, y: y(GENTLE) - 4, "text-anchor": "end"}, svg, "gentle: under 1 cm");
+  node("text", {class: "soft-text", x: CHART.left + 4, y: y(GENTLE) - 4}, svg, "gentle: under 1 cm");
   for (let k = 0; k * step < most; k++) {
     const at = y(k * step / 100);
     node("path", {class: k ? "grid" : "axis", d: path([[CHART.left, at], [CHART.width - CHART.right, at]])}, svg);
@@ -23,9 +23,8 @@ function drawChart(svg, attempts, assists) {
   }
   node("text", {class: "soft-text", x: 2, y: 12}, svg, "object slides (cm)");
   node("text", {class: "soft-text", x: CHART.width - CHART.right, y: CHART.height - 4, "text-anchor": "end"}, svg, "all is done after (s)");
-  const used = Object.keys(HELP).filter((name) => done.some((each) => each.assist === name));
-  used.forEach((name, k) => node("text", {class: `label of-${HELP[name]}`, x: CHART.width - CHART.right, y: 12 + 15 * k,
-                                          "text-anchor": "end"}, svg, `\u25cf ${assists[name]}`));
+  Object.keys(HELP).filter((name) => done.some((each) => each.assist === name)).forEach((name, k) => node("text", {
+    class: `label of-${HELP[name]}`, x: CHART.width - CHART.right, y: 12 + 15 * k, "text-anchor": "end"}, svg, `\u25cf ${assists[name]}`));
   const best = done.reduce((one, other) => !one || other.slide < one.slide ? other : one, null);
   for (const each of done) {
     const at = [x(each.done_time), y(each.slide)], newest = each === last;
@@ -37,6 +36,6 @@ function drawChart(svg, attempts, assists) {
     }
   }
   if (last && last.missed) node("text", {class: "label", x: CHART.left + 8, y: CHART.top + 14}, svg, "the last try missed");
-  const words = last && !last.missed ? `Your last try: ${centimetres(last.slide)} after ${last.done_time.toFixed(1)} s. ` : "Your last try missed. ";
-  svg.setAttribute("aria-label", `How far the object slides over the time until all is done. ${last ? words : ""}${best ? `Best: ${centimetres(best.slide)}.` : ""}`);
+  const words = last && !last.missed ? `${centimetres(last.slide)} after ${last.done_time.toFixed(1)} s` : "missed";
+  svg.setAttribute("aria-label", `How far the object slides over the time until all is done. Your last try: ${words}.`);
 }

@@ -1,13 +1,12 @@
 // The page: connection to the server, player's input, and the try in progress.
 const part = (id) => document.getElementById(id);
-const GENTLE = 0.01;  // m; a shorter slide is gentle
 const PAUSE = 500;  // ms after a try, in which arrow keys do not begin the next try
 const MOST_ATTEMPTS = 200;  // largest number of attempts on the chart
 const BEAT = 60, LEAST = 6;  // ms, longest and shortest time between two messages
 const AHEAD_OF_EYES = 12;  // ms, assumed time between drawing a picture and its appearance on the screen
 const page = {
-  hello: null, socket: null, stage: null, frame: null, came: 0, running: false, asked: false, player: false,
-  attempts: [], sent: NaN, sentAt: 0, overAt: -Infinity, round: 0, played: null, playedRound: 0, film: 0,
+  hello: null, socket: null, stage: null, shown: {}, frame: null, came: 0, running: false, asked: false, player: false,
+  attempts: [], sent: NaN, sentAt: 0, overAt: -Infinity, round: 0, won: false, played: null, playedRound: 0, film: 0,
 };
 const set_up = {};  // chosen settings, by name
 
@@ -15,17 +14,9 @@ function send(message) {
   if (page.socket && page.socket.readyState === WebSocket.OPEN) page.socket.send(JSON.stringify(message));
 }
 
-function say(text) {
-  part("said").textContent = text;
-}
-
-function write(id, text) {
-  if (part(id).textContent !== text) part(id).textContent = text;
-}
-
-function mode(name, on) {
-  document.body.classList.toggle(name, on);
-}
+const write = (id, text) => { if (part(id).textContent !== text) part(id).textContent = text; };
+const say = (text) => write("said", text);
+const mode = (name, on) => document.body.classList.toggle(name, on);
 
 function banner(text, label, action) {
   const box = part("banner");
@@ -45,6 +36,8 @@ function steer(now) {
 }
 
 function begin() {
+  if (!page.player || page.running || page.asked) return;
+  if (page.won) pickRound(page.round + 1);
   ask(options(page.hello, set_up, page.round), page.round);
 }
 
@@ -54,9 +47,7 @@ function ask(wanted, round) {
   send({begin: wanted});
 }
 
-function end() {
-  if (page.running) send({done: 1});
-}
+const end = () => { if (page.running) send({done: 1}); };
 
 // Return the assistance for a repetition of the last try: the brake, or none if the last try had an assistance.
 function otherHelp() {
@@ -81,47 +72,48 @@ const stick = stickOf(part("stick"), {
   },
 });
 
-function toStick() {
-  part("stick").focus({preventScroll: true});
-}
-
-function about() {
-  return page.hello.setups[set_up.setup];
-}
+const toStick = () => part("stick").focus({preventScroll: true});
+const about = () => page.hello.setups[set_up.setup];
 
 function layout() {
-  if (!page.hello) return;
-  const svg = part("picture"), width = Math.max(svg.clientWidth, 280);
-  page.stage = drawStage(svg, about(), width);
-  if (page.frame) page.stage.update(page.frame.from);
+  const svg = part("picture");
+  if (page.hello) page.stage = drawStage(svg, about(), Math.max(svg.clientWidth, 280), page.shown);
+}
+
+// Draw the picture as it is before a try; the object's radius in m.
+function drawStart(radius = 0.03) {
+  const {distance} = options(page.hello, set_up, page.round), seen = set_up.seen && distance !== undefined;
+  Object.assign(page, {frame: null, shown: {home: null, slide: 0, radius, at: [0, 0, seen ? distance : null]}});
+  layout();
+}
+
+function pickRound(number) {
+  Object.assign(page, {round: number, won: false});
+  choose(ROUNDS[number].sets);
 }
 
 // Change settings, and show them.
 function choose(changes) {
   Object.assign(set_up, changes);
-  if (changes.setup) {
-    if (about().usual.stiffness === undefined) delete set_up.stiffness;
-    else set_up.stiffness = about().usual.stiffness;
-    page.frame = null;
-    layout();
-  }
+  if (changes.setup) set_up.stiffness = about().usual.stiffness;  // undefined: not on a spring
+  drawStart();
+  drawControls();
+  toStick();
+}
+
+function drawControls() {
   drawSettings(page.hello, set_up, (picked, free) => {
-    if (free) page.round = ROUNDS.length - 1;
+    if (free) pickRound(ROUNDS.length - 1);
     choose(picked);
-    toStick();
   });
-  drawRounds(set_up, page.round, (number) => {
-    page.round = number;
-    choose(ROUNDS[number].sets);
-    toStick();
-  });
-  const help = part("help"), name = otherHelp() === "brake" ? "with the brake" : "without help";
-  const label = page.attempts.length === 0 ? "Begin" : page.round < ROUNDS.length - 1 ? `Next: ${ROUNDS[page.round].name}` : "Again";
-  part("go").replaceChildren(`${label} `);
-  html("kbd", {}, part("go"), "Enter");
-  help.hidden = page.attempts.length === 0;
-  help.replaceChildren(`Again, ${name} `);
-  html("kbd", {}, help, "B");
+  drawRounds(set_up, page.round, pickRound);
+  const label = (id, text, key) => {
+    part(id).replaceChildren(`${text} `);
+    html("kbd", {}, part(id), key);
+  };
+  label("go", page.won ? `Next: ${ROUNDS[page.round + 1].name}` : page.attempts.length ? "Again" : "Begin", "Enter");
+  label("help", `Again, ${otherHelp() === "brake" ? "with the brake" : "without help"}`, "B");
+  part("help").hidden = page.attempts.length === 0;
 }
 
 function draw(now) {
@@ -131,39 +123,31 @@ function draw(now) {
   const {frame, stage} = page;
   if (!frame || !stage || frame.still) return;
   const fraction = clamp((performance.now() + AHEAD_OF_EYES - page.came) / (1000 * frame.dt || 1), 0, 1);
-  stage.update(frame.from.map((from, k) => from === null || frame.to[k] === null ? frame.to[k] : from + fraction * (frame.to[k] - from)));
+  stage(frame.from.map((from, k) => from === null || frame.to[k] === null ? frame.to[k] : from + fraction * (frame.to[k] - from)));
   const speed = frame.dt ? (frame.to[0] - frame.from[0]) / frame.dt * set_up.slow : 0;
   write("speed", `${Math.round(100 * speed)} cm/s`.replace("-", "\u2212"));
   write("clock", `${Math.max(about().horizon - frame.t, 0).toFixed(1)} s left`);
   frame.still = fraction >= 1;
-  if (frame.still && !page.running && page.attempts.length) stage.result(page.attempts[page.attempts.length - 1].slide);
 }
 
-// Show the film of a try.
+// Show the film of a try, or without a name that of a model of a hand.
 async function film(name) {
   const number = ++page.film, box = part("film");
   try {
     const answer = await fetch(`film/${encodeURIComponent(name)}`);
     if (!answer.ok) throw new Error(await answer.text());
-    const {html: text, slides} = await answer.json();
+    const {html: text, slides, words} = await answer.json();
     if (page.running || number !== page.film) return;
+    show(part("late"), !name);
     box.innerHTML = text;
-    box.prepend(html("h2", {}, null, "Your own hand again"));
+    box.prepend(html("h2", {}, null, name ? "Your own hand again" : "Why this is hard by hand"), html("p", {}, null, words));
     for (const watched of box.querySelectorAll("slow-motion")) watched.start();
-    summarise(slides);
+    const line = name && part("answer").querySelector(".again");
+    const texts = Object.entries(slides).map(([who, slide]) => `${who}: ${slide === null ? "missed" : centimetres(slide)}.`);
+    if (line) line.textContent = texts.join(" ");
   } catch (problem) {
     box.textContent = problem.message;
   }
-}
-
-// Write the slides of the film's attempts into the result, such as 'You: 12.2 cm. Your hand, brake on: 0.1 mm.'
-function summarise(slides) {
-  const texts = Object.entries(slides).map(([who, slide], k) => {
-    const name = k > 1 ? who.replace(/^Your hand, ./, (found) => found.slice(-1).toUpperCase()) : who;
-    return `${name}: ${slide === null ? "missed" : centimetres(slide)}.`;
-  });
-  const line = part("answer").querySelector(".again");
-  if (line) line.textContent = texts.join(" ");
 }
 
 function result(entry) {
@@ -174,8 +158,9 @@ function result(entry) {
   const headline = entry.missed ? "You did not touch it." : `It slid ${centimetres(entry.slide)}, done after ${entry.done_time.toFixed(1)} s.`;
   html("p", {class: "big"}, box, headline);
   const score = [];
-  if (entry.missed) score.push("Push farther: the object is in the shaded range.");
-  else score.push(entry.slide < GENTLE ? "Gentle!" : "Under 1 cm is gentle.");
+  if (entry.missed) score.push("Push farther, until the tool touches the object.");
+  else score.push(entry.slide < GENTLE ? "Gentle!" : "Under 1 cm is gentle: be slow near the object, or take the brake.");
+  if (page.won) score.push(`You have won this level. Next: ${ROUNDS[page.round + 1].task}`);
   if (Number.isFinite(best)) score.push(`Best so far: ${centimetres(best)}.`);
   html("p", {}, box, score.join(" "));
   for (const mark of entry.marks) html("p", {class: "bad"}, box, `Does not count. ${mark[0].toUpperCase()}${mark.slice(1)}.`);
@@ -187,15 +172,11 @@ function tabulate() {
   part("rows").replaceChildren();
   part("earlier").hidden = part("figure").hidden = page.attempts.length === 0;
   page.attempts.slice(-50).reverse().forEach((each, k) => {
-    const row = html("tr", {}, part("rows")), number = page.attempts.length - k;
-    html("td", {class: "left"}, row, String(number));
-    html("td", {class: "left"}, row, page.hello.assists[each.assist] + (each.marks.length ? `; ${each.marks.join("; ")}` : ""));
-    html("td", {}, row, String(Math.round(1000 * each.delay)));
-    for (const text of each.missed ? ["missed", "", ""] : [three(each.object_velocity), (100 * each.slide).toFixed(1), each.done_time.toFixed(2)]) {
-      html("td", {}, row, text);
-    }
-    const cell = html("td", {class: "left"}, row);
-    html("button", {type: "button", "aria-label": `Watch try ${number}`}, cell, "watch").addEventListener("click", () => film(each.name));
+    const row = html("tr", {}, part("rows")), number = String(page.attempts.length - k), delay = String(Math.round(1000 * each.delay));
+    const results = each.missed ? ["missed", "", ""] : [three(each.object_velocity), centimetres(each.slide), each.done_time.toFixed(2)];
+    const assist = [page.hello.assists[each.assist], ...each.marks].join("; ");
+    for (const text of [number, assist, delay, ...results]) html("td", {}, row, text);
+    html("button", {type: "button", "aria-label": `Watch try ${number}`}, html("td", {}, row), "watch").addEventListener("click", () => film(each.name));
   });
   drawChart(part("chart"), page.attempts, page.hello.assists);
 }
@@ -212,6 +193,7 @@ const HEARD = {
     Object.assign(set_up, message.setups[message.setup].usual, {assist: message.assist, slow: 1, seen: false});
     choose({setup: message.setup, ...ROUNDS[page.round].sets});
     tabulate();
+    film("");
     page.player = true;
     write("state", "hold \u2192, or drag the stick");
     ready();
@@ -220,12 +202,12 @@ const HEARD = {
     page.socket.close(4000, "another tab took the stick");
   },
   began(message) {
-    Object.assign(page, {running: true, asked: false, frame: null});
+    Object.assign(page, {running: true, asked: false});
     mode("playing", true);
     mode("touching", false);
     if (page.hello.setups[message.setup] && set_up.setup !== message.setup) choose({setup: message.setup});
-    layout();
-    page.stage.begin(message.radius);
+    drawStart(message.radius);
+    part("answer").hidden = true;
     write("state", `${page.played && page.played.assist === "brake" ? "brake on: " : ""}push until you touch`);
     part("film").replaceChildren();
     ready();
@@ -240,14 +222,14 @@ const HEARD = {
       stick.buzz();
     }
   },
-  ended(message) {
-    const {entry} = message;
+  ended({entry}) {
     over();
     page.attempts = [...page.attempts, entry].slice(-MOST_ATTEMPTS);
     if (page.frame) page.frame.still = false;
-    const next = page.playedRound === page.round && page.round < ROUNDS.length - 1;
-    if (next && !entry.missed && !entry.marks.length) choose(ROUNDS[++page.round].sets);
-    else choose({});
+    page.shown.slide = entry.missed ? 0 : entry.slide;
+    const gentle = page.playedRound === page.round && !entry.missed && entry.slide < GENTLE;
+    page.won = (page.won || gentle) && page.round < ROUNDS.length - 1;
+    drawControls();
     result(entry);
     tabulate();
     write("state", entry.missed ? "missed" : `slid ${centimetres(entry.slide)}`);
@@ -290,12 +272,6 @@ function connect() {
 part("go").addEventListener("click", begin);
 part("help").addEventListener("click", again);
 part("end").addEventListener("click", end);
-part("theme").addEventListener("click", () => {
-  const order = ["system", "light", "dark"], root = document.documentElement;
-  const next = order[(order.indexOf(root.dataset.theme || "system") + 1) % 3];
-  if (next === "system") delete root.dataset.theme; else root.dataset.theme = next;
-  part("theme").textContent = `theme: ${next}`;
-});
 document.addEventListener("click", (event) => {  // a click by mouse or finger moves the focus to the stick, a key does not
   if (event.detail && event.target.closest("button, summary, input, select")) toStick();
 });

@@ -58,10 +58,7 @@ class Session:
         self.setup, self.assist, self.folder = setup.cli_name, assist, folder
         self.page: Page | None = None
         self.setups = {name: about(playable(name)) for name in related(setup).values()}
-        self.busy, self._speeds = (
-            False,
-            (-1.0, 1.0),
-        )  # whether an attempt is in progress; velocity range of the arm, m/s
+        self.busy, self._speeds = False, (-1.0, 1.0)  # whether an attempt is in progress; velocity range, m/s
         self._seen_at, self._newest = 0.0, -1  # s, latest time for sending a frame; number of the newest sent frame
         self.history: deque[dict[str, Any]] = deque(maxlen=MAX_ON_CHART)
         self.left_out = list[str]()  # reasons for which .json files are left out
@@ -201,6 +198,7 @@ class Site:
         self.files = {
             "": ((HERE / "page.html.jinja").read_text(), "text/html"),
             "play.css": ("\n".join(styles), "text/css"),
+            "page.js": ((LAB / "page.js").read_text(), "text/javascript"),
             "play.js": (player.script(*SCRIPTS), "text/javascript"),
         }
 
@@ -218,11 +216,17 @@ class Site:
         if kind != "film":
             return reply(404, "not found\n")
         try:
-            path = self.session.folder / f"{unquote(name)}.json"
-            film = await asyncio.to_thread(lambda: contest.film(contest.again(attempts.read(path))))
+            film = await asyncio.to_thread(self.film, unquote(name))
         except (OSError, RuntimeError, ValueError, TypeError, LookupError) as problem:
             return reply(404, str(problem))
         return reply(200, json.dumps(film), "application/json")
+
+    def film(self, name: str) -> dict[str, Any]:
+        """Return `contest.film` of an attempt in `history`; without a name: of a model of a hand."""
+        if not name:
+            return contest.film(*contest.example(self.session.setup))
+        choice("film", name, [entry["name"] for entry in self.session.history])  # no other file
+        return contest.film(*contest.again(attempts.read(self.session.folder / f"{name}.json")))
 
     async def serve_page(self, page: server.ServerConnection) -> None:
         """Exchange messages with a page until it disconnects or sends an invalid message, or messages too fast."""

@@ -2,9 +2,9 @@
 const HOLDS = {rigid: "fixed to the arm", spring: "a spring and a damper", bistable: "a bistable mechanism"};
 const SLOW = {1: "real time", 2: "half", 4: "a quarter", 8: "an eighth"};
 const ROUNDS = [
-  {name: "near", task: "The object is near. Push until you touch it, then let go.", fraction: 0.15, sets: {delay: 0, jitter: 0, seen: true}},
-  {name: "far", task: "Now the object is far, and your commands arrive late.", fraction: 0.85, sets: {delay: 0.2, jitter: 0, seen: true}},
-  {name: "blind and late", task: "Now you do not see the object until you touch it.", sets: {delay: 0.2, jitter: 0, seen: false}},
+  {name: "near", task: "The object is near. Push until the tool touches it, then let go.", fraction: 0.15, sets: {delay: 0, jitter: 0, seen: true}},
+  {name: "far", task: "The object is far, and you are far away, too.", fraction: 0.85, sets: {delay: 0.2, jitter: 0, seen: true}},
+  {name: "blind and late", task: "You do not see the object until the tool touches it.", sets: {delay: 0.2, jitter: 0, seen: false}},
   {name: "free play", task: "Choose the settings below.", sets: {}},
 ];
 
@@ -23,7 +23,7 @@ function drawRounds(chosen, number, pick) {
     button.append(each.name);
     button.addEventListener("click", () => pick(k));
   });
-  const late = chosen.delay ? ` You are ${Math.round(1000 * chosen.delay)} ms away: the picture lags on purpose.` : "";
+  const late = chosen.delay ? ` Delay: ${Math.round(1000 * chosen.delay)} ms, half for your commands, half for the picture.` : " No delay.";
   write("task", ROUNDS[number].task + late);
 }
 

@@ -77,12 +77,10 @@ function stickOf(element, on) {
     event.preventDefault();
   });
   element.addEventListener("pointermove", (event) => { if (element.hasPointerCapture(event.pointerId)) point(event); });
-  for (const name of ["pointerup", "pointercancel", "lostpointercapture"]) {
-    element.addEventListener(name, () => {
-      sources.pointer = 0;
-      merge();
-    });
-  }
+  element.addEventListener("lostpointercapture", () => {
+    sources.pointer = 0;
+    merge();
+  });
 
   const connected = () => navigator.getGamepads ? [...navigator.getGamepads()].filter(Boolean) : [];
 

@@ -9,6 +9,17 @@ window.fake = {
     .map((each) => [each.textContent, ...names.map((name) => Number(each.getAttribute(name)))]),
   pick: ([name, text]) => [...document.querySelectorAll(`[data-set=${name}]`)].find((each) => each.textContent === text).click(),
   pad: (axis) => { navigator.getGamepads = () => [null, {axes: [axis, 0], buttons: []}]; },
+  seek: (share) => {
+    const slider = document.querySelector("#film .igw-slider");
+    slider.value = share * slider.max;
+    slider.dispatchEvent(new Event("input"));
+  },
+  // Texts of visible pictures in `selector` that their picture or the window cuts.
+  cut: (selector) => [...document.querySelectorAll(`${selector} svg text`)].filter((text) => {
+    const [box, frame] = [text, text.ownerSVGElement].map((each) => each.getBoundingClientRect());
+    return box.width && frame.width && (box.left < frame.left - 0.5 || box.right > Math.min(frame.right, innerWidth) + 0.5
+      || box.top < frame.top - 0.5 || box.bottom > frame.bottom + 0.5);
+  }).map((text) => text.textContent),
   // Return now, and keep the time of each picture from now on in `fake.drawn`, ms.
   watch: () => {
     const note = () => { fake.drawn = performance.now(); requestAnimationFrame(note); };
@@ -21,6 +32,6 @@ window.WebSocket = class extends EventTarget {
   readyState = 1;
   sent = [];
   constructor() { super(); fake.sockets.push(this); }
-  send(text) { this.sent.push(JSON.parse(text)); }
+  send(text) { this.sent.push({...JSON.parse(text), at: performance.now()}); }
   close() {}
 };

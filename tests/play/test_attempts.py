@@ -12,6 +12,7 @@ from refusal import refused
 from experiments.play import attempts, contest
 from experiments.play.assistance import NAMES, PERIOD
 from experiments.play.clock import HOLD, SILENT, Stick
+from impact_gym.teleop.operators import SIMPLE_REACTION
 
 
 @pytest.mark.parametrize("slow", [1.0, 4.0])
@@ -151,18 +152,43 @@ def test_file_that_is_no_try_is_refused_in_one_line(tmp_path):
         refused(lambda: attempts.read(file), "a.json cannot be read as a try")
 
 
-def let_go(delay=0.2, assist="none"):
-    """Return the try of a hand that lets go 0.2 s after it sees the touch."""
-    return pushed(lambda _: 0.3, math.ceil((0.5 * delay + 0.2) / PERIOD), assist, delay=delay, jitter=0.0, seed=3)
+def let_go(delay=0.2, assist="none", reaction=0.2):
+    """Return the try of a hand that lets go `reaction` (s) after it sees the touch."""
+    return pushed(lambda _: 0.3, math.ceil((0.5 * delay + reaction) / PERIOD), assist, delay=delay, jitter=0.0, seed=3)
 
 
 def test_same_hand_in_each_variant_does_what_it_would_have_done():
     this = let_go()
-    slides = contest.film(contest.again(this))["slides"]
+    shown = contest.film(*contest.again(this))
+    slides = shown["slides"]
     assert slides["You"] == pytest.approx(this.result["slide"], abs=1e-9)
     truth = let_go(delay=0.0).result["slide"]  # of the hand that really sees the touch at once
     assert slides["Your hand, no delay"] == pytest.approx(truth, abs=1e-3)
     assert slides["You"] - truth > 0.03
     assert slides["Your hand, brake on"] < 0.5 * slides["You"]
-    assisted = contest.film(contest.again(let_go(assist="brake")))["slides"]
+    assert "as fast as you did" in shown["words"]
+    assisted = contest.film(*contest.again(let_go(assist="brake")))["slides"]
     assert assisted["Your hand, no help"] == pytest.approx(slides["You"], abs=1e-9)
+
+
+@pytest.mark.parametrize("assist", ["brake", "limit"])
+def test_key_still_down_at_the_end_is_let_go_in_the_films(assist):
+    """As the same hand lets go that reacts in SIMPLE_REACTION, and that the brake does not relieve."""
+    this = let_go(assist=assist, reaction=60.0)
+    assert this.operator["velocity"][-1] == 0.3
+    shown = contest.film(*contest.again(this))
+    assert "Your try ended before you let go. In the other films, your hand lets go 0.21 s" in shown["words"]
+    for name, truth in (
+        ("no help", let_go(reaction=SIMPLE_REACTION)),
+        ("letting go", let_go(0.2, assist, SIMPLE_REACTION)),
+    ):
+        assert shown["slides"][f"Your hand, {name}"] == pytest.approx(truth.result["slide"], abs=0.3 * PERIOD)
+    pushing = contest.film(*contest.again(let_go(reaction=60.0)))["slides"]  # a hand alone really pushes on
+    assert pushing["You"] > 1.0
+    assert pushing["Your hand, no delay"] > 1.0
+
+
+def test_film_of_a_missed_object_says_so():
+    """The hand lets go too soon in each variant."""
+    this = pushed(lambda time: 0.3 if time < 0.3 else 0.0, delay=0.2, jitter=0.0)
+    assert {*contest.film(*contest.again(this))["slides"].values()} == {None}

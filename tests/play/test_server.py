@@ -7,7 +7,7 @@ import socket
 from types import SimpleNamespace
 
 import pytest
-from play_client import Simulated, choices, near_setup, pushed, served
+from play_client import Page, Simulated, choices, near_setup, pushed, served
 from refusal import refused
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed, InvalidStatus
@@ -44,6 +44,20 @@ def test_only_our_own_page_is_answered(world):
     for path in ("other", "play.js/more", "film/..%2f..%2fetc", "film/2020", "film/%00", f"film/{'x' * 7000}"):
         assert asked(f"/token/{path}") == 404
     assert [asked(method=method) for method in ("POST", "HEAD", "TRACE")] == [405] * 3
+
+
+def test_films_are_of_the_tries_in_the_folder_alone(world):
+    page, site = Page(world), Site(world.session, "token", 80)
+    world.play(page, page.push)
+    own = page.got("ended")[0]["entry"]["name"]
+    elsewhere = attempts.write(world.folder.parent / "elsewhere.json", attempts.read(world.folder / f"{own}.json"))
+    for name, says in (
+        (f"..%2f{elsewhere.stem}", "film must be one of"),
+        (own, '"You":'),
+        ("", '"A late hand alone":'),
+    ):
+        answer = asyncio.run(site.answer(None, Request(f"/token/film/{name}", Headers(OURS))))
+        assert (says in answer.body.decode(), answer.status_code) == (True, 404 if "%2f" in name else 200)
 
 
 class Socket:

@@ -1,15 +1,8 @@
 // Picture of flange, coupling, tool and object. Positions are to scale; sizes of the bodies are assumed.
 const TOOL = {length: 0.034, height: 0.03}, FLANGE = {length: 0.016, height: 0.052}, CLEARANCE = 0.004;  // m
 const MAGNIFIER = {width: 166, height: 74};
-const BEHIND = 0.02, NEAR = 0.1, AHEAD = 106;  // space behind the robot (m), before the object in a compact film (m), for the speed (pixels)
-
-function massText(scene) {
-  return `object, ${three(scene.scenario.object_mass)} kg`;
-}
-
-function massFits(scene, scale) {
-  return 1.7 * scene.radius * scale > 7.5 * massText(scene).length;
-}
+const BEHIND = 0.02, AHEAD = 106;  // space behind the robot (m), for the speed (pixels)
+const NEAR = 0.1, CUT = 0.3;  // m, ways before and after the touch that a compact film shows to scale
 
 // Return scale, origin and size of the picture, which are equal in all panels.
 function viewOf(scene, width) {
@@ -17,18 +10,17 @@ function viewOf(scene, width) {
   const behind = TOOL.length + most("rest") + FLANGE.length;
   const rearmost = scene.compact ? Math.max(scene.scenario.distance - NEAR, 0) : Math.min(scene.limits.rearmost, 0);
   const left = rearmost - behind - BEHIND;
-  const right = scene.limits.farthest + 2 * scene.radius;
+  const slide = Math.max(...scene.runs.map((run) => run.slide || 0)), cut = scene.compact ? scene.scenario.distance + CUT : Infinity;
+  const right = Math.min(scene.compact ? scene.scenario.distance + slide : scene.limits.farthest, cut) + 2 * scene.radius;
   const scale = (width - AHEAD) / (right - left);
   const above = Math.max(scene.radius, 0.5 * FLANGE.height, most("height") + 0.006) * scale + 8;
-  const below = Math.max(scene.radius * scale + (massFits(scene, scale) ? 0 : 13), 0.5 * FLANGE.height * scale) + 6;
+  const below = Math.max(scene.radius * scale + 13, 0.5 * FLANGE.height * scale) + 6;
   const axis = (scene.compact ? 22 : MAGNIFIER.height + 14) + Math.max(above, 30);
-  return {left, scale, width, axis, ground: axis + Math.max(below, 26), height: axis + Math.max(below, 26) + 36,
+  return {left, cut, scale, width, axis, ground: axis + Math.max(below, 26), height: axis + Math.max(below, 26) + 36,
           x: (position) => (position - left) * scale};
 }
 
-function path(points) {
-  return "M" + points.map((point) => point.map((value) => Math.round(value * 100) / 100).join(",")).join("L");
-}
+const path = (points) => "M" + points.map((point) => point.map((value) => Math.round(value * 100) / 100).join(",")).join("L");
 
 function coil(x0, y0, x1, y1, half, turns) {
   const dx = x1 - x0, dy = y1 - y0, length = Math.hypot(dx, dy) || 1;
@@ -84,17 +76,26 @@ const COUPLINGS = {
   },
 };
 
-function ruler(svg, view, scene, radius) {
-  const y = view.ground + 4;
-  node("path", {class: "igw-rule", d: path([[0, y], [view.width, y]])}, svg);
+// Draw the ground at the height y with a scale.
+function ruler(svg, view, y) {
   const step = round(90 / view.scale), last = view.left + view.width / view.scale;
+  node("path", {class: "igw-rule", d: path([[0, y], [view.width, y]])}, svg);
   for (let k = Math.ceil(view.left / step); k * step < last; k++) {
-    const x = view.x(k * step);
+    const x = view.x(k * step), text = `${Math.round(1000 * k * step) / 10}${k === 0 ? " cm" : ""}`.replace("-", "\u2212");
     node("path", {class: "igw-rule", d: path([[x, y], [x, y + 5]])}, svg);
-    const text = `${Math.round(1000 * k * step) / 10}${k === 0 ? " cm" : ""}`.replace("-", "\u2212");
-    if (x > 16 && x < view.width - 14) {
-      node("text", {class: "igw-small", x, y: y + 17, "text-anchor": "middle"}, svg, text);
-    }
+    if (x > 16 && x < view.width - 14) node("text", {class: "igw-small", x, y: y + 17, "text-anchor": "middle"}, svg, text);
+  }
+}
+
+// Draw the ground with a bar of a round length, and the object at its first position.
+function home(svg, view, scene, radius) {
+  const y = view.ground + 4, length = round(90 / view.scale), end = 8 + length * view.scale;
+  if (view.cut === Infinity) {
+    ruler(svg, view, y);
+  } else {  // a film with a part left out has no positions
+    node("path", {class: "igw-scale", d: path([[8, y + 13], [end, y + 13]])}, svg);
+    node("text", {class: "igw-small", x: end + 6, y: y + 17}, svg, `${Math.round(1000 * length) / 10} cm`);
+    node("path", {class: "igw-rule", d: path([[0, y], [view.width, y]])}, svg);
   }
   const touchX = view.x(scene.scenario.distance);
   const ghost = node("circle", {class: "igw-ghost", cx: touchX + radius, cy: view.axis, r: radius}, svg);
@@ -109,22 +110,37 @@ function arrow(x, y, length, head) {
                   [neck, y + half], [x, y + half]])}Z`;
 }
 
+function rectangle(svg, view, size, name) {
+  const height = size.height * view.scale * (view.tall || 1);
+  return node("rect", {class: name, rx: 2, y: view.axis - 0.5 * height, width: size.length * view.scale, height}, svg);
+}
+
+// Draw robot, coupling, flange, tool and object (radius in pixels); return a function that moves them to positions (m).
+function drawBodies(svg, view, chain, radius) {
+  const robot = node("rect", {class: "igw-arm", x: -4, y: view.axis - 5, height: 10}, svg);
+  const ball = node("circle", {class: "igw-object", cy: view.axis, r: radius}, svg);
+  const couple = COUPLINGS[chain.coupling](node("g", {}, svg), view, chain);
+  const flange = rectangle(svg, view, FLANGE, "igw-flange"), tool = rectangle(svg, view, TOOL, "igw-tool");
+  return (atFlange, atTool, atObject) => {
+    const front = atFlange - TOOL.length - chain.rest, back = view.x(front - FLANGE.length);
+    set(flange, {x: back});
+    set(robot, {width: Math.max(back + 4, 0)});
+    set(tool, {x: view.x(atTool - TOOL.length)});
+    couple(front, atTool - TOOL.length);
+    show(ball, atObject !== null);
+    set(ball, {cx: view.x(atObject) + radius});
+  };
+}
+
 // Draw a panel into `svg`; return a function that shows a state.
 function drawChain(svg, scene, run, view) {
   svg.replaceChildren();
   set(svg, {viewBox: `0 0 ${view.width} ${view.height}`, width: view.width, height: view.height});
   const radius = Math.max(scene.radius * view.scale, 4), y = view.axis;
-  const ghost = ruler(svg, view, scene, radius);
-  const body = (size, name) => node("rect", {class: name, rx: 2, y: y - 0.5 * size.height * view.scale,
-                                             width: size.length * view.scale, height: size.height * view.scale}, svg);
-  const robot = node("rect", {class: "igw-arm", x: -4, y: y - 5, height: 10}, svg);
-  const ball = node("circle", {class: "igw-object", cy: y, r: radius}, svg);
-  const fits = massFits(scene, view.scale);
-  const mass = node("text", {class: fits ? "igw-on-object" : "igw-small", "text-anchor": "middle",
-                             y: fits ? y + 0.5 * radius + 5 : y + radius + 13}, svg, massText(scene));
-  const couple = COUPLINGS[run.chain.coupling](node("g", {}, svg), view, run.chain);
-  const flange = body(FLANGE, "igw-flange"), tool = body(TOOL, "igw-tool");
-  const seenTool = body(TOOL, "igw-seen");
+  const ghost = home(svg, view, scene, radius);
+  const move = drawBodies(svg, view, run.chain, radius);
+  const mass = node("text", {class: "igw-small", y: y + radius + 13}, svg, `object, ${three(scene.scenario.object_mass)} kg`);
+  const seenTool = rectangle(svg, view, TOOL, "igw-seen");
   const seenBall = node("circle", {class: "igw-seen", cy: y, r: radius}, svg);
   const flash = node("path", {class: "igw-flash"}, svg);
   const push = node("path", {class: "igw-push"}, svg);
@@ -132,6 +148,10 @@ function drawChain(svg, scene, run, view) {
   const speedText = node("text", {class: "igw-strong igw-object-text", y: y - 9}, svg);
   const moved = node("path", {class: "igw-moved"}, svg);
   const movedText = node("text", {class: "igw-strong igw-object-text", y: view.ground + 33}, svg);
+  const middle = view.x(scene.scenario.distance + 0.5 * CUT), slash = (x) => path([[x - 4, view.ground + 14], [x + 4, y - 30]]);
+  const cut = node("g", {}, svg);  // sign of a part that is left out, so that a long slide fits
+  node("path", {class: "igw-cut-gap", d: slash(middle)}, cut);
+  node("path", {class: "igw-scale", d: slash(middle - 4) + slash(middle + 4)}, cut);
   const magnifier = scene.compact ? () => {} : drawMagnifier(svg, scene, view);
   return (state, seen) => {
     for (const each of [seenTool, seenBall]) show(each, seen);
@@ -139,15 +159,11 @@ function drawChain(svg, scene, run, view) {
       set(seenTool, {x: view.x(seen.tool_position - TOOL.length)});
       set(seenBall, {cx: view.x(seen.object_position) + radius});
     }
-    const front = state.flange_position - TOOL.length - run.chain.rest;
-    const face = view.x(state.object_position), fraction = state.force / (scene.limits.force || 1);
-    set(flange, {x: view.x(front - FLANGE.length)});
-    set(robot, {width: Math.max(view.x(front - FLANGE.length) + 4, 0)});
-    set(tool, {x: view.x(state.tool_position - TOOL.length)});
-    couple(front, state.tool_position - TOOL.length);
-    set(ball, {cx: face + radius});
-    set(mass, {x: face + radius});
-    const at = view.x(state.tool_position);
+    const shift = Math.max(state.object_position - view.cut, 0), object = state.object_position - shift;
+    const face = view.x(object), at = view.x(state.tool_position - shift), fraction = state.force / (scene.limits.force || 1);
+    move(state.flange_position - shift, state.tool_position - shift, object);
+    place(mass, face + radius, view.width);
+    show(cut, shift);
     show(flash, fraction > 0.002);
     show(push, fraction > 0.002);
     if (fraction > 0.002) {
@@ -165,18 +181,16 @@ function drawChain(svg, scene, run, view) {
     if (away) {
       const edge = face + 2 * radius, length = 8 + 40 * state.object_velocity / scene.limits.speed;
       set(speed, {d: arrow(edge + 3, y, length, 10)});
-      set(speedText, {x: Math.min(edge + 4, view.width - 102)});
       speedText.textContent = `now ${three(state.object_velocity)} m/s`;
+      place(speedText, edge + 4, view.width, 1);
     }
-    const far = state.object_position - scene.scenario.distance, home = view.x(scene.scenario.distance);
+    const far = state.object_position - scene.scenario.distance, start = view.x(scene.scenario.distance);
+    const rests = !run.missed && state.time >= run.rest_time;
     show(ghost, far > 5e-4);
-    show(moved, far > 5e-4);
-    show(movedText, far > 5e-4);
-    if (far > 5e-4) {
-      set(moved, {d: path([[home, view.ground + 4], [face, view.ground + 4]])});
-      set(movedText, {x: clamp(0.5 * (home + face), 90, view.width - 90), "text-anchor": "middle"});
-      movedText.textContent = `${centimetres(far)} from its start (dashed)`;
-    }
+    for (const each of [moved, movedText]) show(each, far > 5e-4 || rests);
+    set(moved, {d: path([[start, view.ground + 4], [face, view.ground + 4]])});
+    movedText.textContent = rests ? `slid ${centimetres(run.slide)}` : `${centimetres(far)} from its start (dashed)`;
+    place(movedText, 0.5 * (start + face), view.width);
     magnifier(state, at);
   };
 }

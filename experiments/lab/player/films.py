@@ -28,7 +28,7 @@ EXTREMES = (  # fields of a scenario, and what the objects with the smallest and
     ("object_mass", "lightest object", "heaviest object"), ("contact_stiffness", "softest contact", "stiffest contact"),
     ("distance", "nearest object", "farthest object"),
 )  # fmt: skip
-AFTER = 0.15  # s, simulated time that the film shows after the end of the last contact
+AFTER = 0.15  # s, simulated time that the film shows after the end of the last contact; with friction, after the rest
 NO_ROW = np.zeros(1, np.bool_)  # rows of a batch of one episode that a step leaves out: none
 
 Columns = dict[str, NDArray[np.float64]]
@@ -161,8 +161,9 @@ def ended_history(batch: Batch) -> History:
 
 def scene_of(runs: Mapping[str, History], coarse: float = 1.0) -> dict[str, Any]:
     """Return a scenario for `fragment`: clock, limits, histories; `coarse` multiplies allowed errors and time steps."""
-    ends = [contacts_of(run)[-1][1] + AFTER if run.touches.size else run.now for run in runs.values()]
-    end = round(max(ends), DECIMALS["time"])
+    touching = [run for run in runs.values() if run.touches.size]
+    rests = [run.info.get("rest_time", contacts_of(run)[-1][1]) + AFTER for run in touching]
+    end = round(max(rests + [run.now for run in runs.values() if not run.touches.size]), DECIMALS["time"])
     histories = {name: until(run, end) for name, run in runs.items()}
     all_of = {name: np.concatenate([columns[name] for columns in histories.values()]) for name in COLUMNS}
     velocities = np.concatenate([all_of[f"{body}_velocity"] for body in BODIES])
@@ -184,7 +185,8 @@ def _run(name: str, run: History, columns: Columns, limits: Mapping[str, float],
     operated = {}
     if run.task.operator:
         delay = run.info["record"].get("downlink.delay", run.task.downlink.delay)
-        operated = {"late": delay, **{name: run.info[name] for name in ("slide", "done_time")}}
+        rest = run.info["rest_time"] if run.touches.size else None
+        operated = {"late": delay, "rest_time": rest, **{name: run.info[name] for name in ("slide", "done_time")}}
     rows = thin(columns, limits, coarse)
     rows = rows[np.append(True, np.diff(np.round(columns["time"][rows], digits)) > 0.0)]
     return {

@@ -87,19 +87,12 @@ function watch(root, gone) {
     waiting = setTimeout(() => say(true), 400);
   }
 
-  // Return the film time of the still picture: the largest force in the first contact of the first contestant that touches.
+  // Return the film time of the still picture: the largest force on the first contestant that touches.
   function poster() {
     const touching = scene.runs.find((run) => run.contacts.length);
     if (!touching) return clock.length;
-    const rows = touching.rows, first = touching.contacts[0];
-    let best = 0.5 * (first[0] + first[1]), most = 0;
-    rows[COLUMNS.time].forEach((time, k) => {
-      if (time >= first[0] && time <= first[1] && rows[COLUMNS.contact_force][k] > most) {
-        most = rows[COLUMNS.contact_force][k];
-        best = time;
-      }
-    });
-    return clock.film(best);
+    const forces = touching.rows[COLUMNS.contact_force];
+    return clock.film(touching.rows[COLUMNS.time][forces.indexOf(Math.max(...forces))]);
   }
 
   function verdict() {

@@ -69,8 +69,7 @@ function drawStrips(svg, scene, run, clock, width) {
   const grid = (y, text, zero) => {
     node("path", {class: zero ? "igw-rule" : "igw-grid", d: path([[STRIP.left, y], [width - STRIP.right, y]])}, svg);
     const beside = y > STRIP.top + STRIP.velocity - 6 && y < bottom - STRIP.force;  // next to the label N
-    const crowded = beside && text.length > 2;
-    if (!crowded) node("text", {class: "igw-small", x: STRIP.left - 5, y: y + 4, "text-anchor": "end"}, svg, text);
+    if (!beside || text.length <= 2) node("text", {class: "igw-small", x: STRIP.left - 5, y: y + 4, "text-anchor": "end"}, svg, text);
   };
   const step = round(0.55 * high);
   for (let k = Math.ceil(low / step); k * step < high; k++) {
