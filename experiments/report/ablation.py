@@ -29,6 +29,7 @@ ABILITIES = {  # what the rule of a tuned baseline adds to the rules above it
     "DetectorRanged": "a contact detector and a profile over the estimate",
     "FirstReadingProfile": "the first reading of the range sensor",
     "FilteredProfile": "a filter over all readings",
+    "SelfCalibratingProfile": "a filter that also estimates the sensor's bias and scale",
 }
 
 

@@ -37,6 +37,7 @@ PLAIN = {  # names for readers, by the class of a tuned baseline or the name of 
     "FirstReadingProfile": "tuned profile over the first reading",
     "Ranged": "tuned braking towards the estimate",
     "RangedProfile": "tuned profile over the estimate",
+    "SelfCalibratingProfile": "tuned profile over self-calibrated readings",
     "local-brake": "local brake",
     "operator-alone": "operator alone",
 }

@@ -9,6 +9,7 @@ from typing import Any, Self, get_args
 
 import numpy as np
 
+from impact_gym import sensors
 from impact_gym.couplings import COUPLINGS, SpringDamper, warn_of_stroke
 from impact_gym.kernels import RECORD, TASK
 from impact_gym.quantities import AFTER_ALARM, HORIZON, PAST_READINGS, QUANTITIES, SET_UP
@@ -72,7 +73,7 @@ class Task:
     range_noise: Any = argument(None, "standard deviation of a distance estimate; None: no estimate")
     range_bias: Any = argument(0.0, "added to every distance estimate")
     observe_range_noise: bool = argument(False, "observe `range_noise`")
-    range_sensor: Any = argument(None, "a `RangeSensor` on the tool, or a dict")
+    range_sensor: Any = argument(None, "a `RangeSensor` on the tool, a dict, or a name in `impact_gym.sensors`")
     force_noise: Any = argument(0.0, "")
     force_bias: Any = argument(0.0, "")
     deflection_sensor: bool = argument(False, "observe how far the tool is displaced on its coupling")
@@ -95,6 +96,8 @@ class Task:
     def __new__(cls, **given: Any) -> Self:
         """Keep the arguments as given, for the method `arguments`."""
         self = super().__new__(cls)
+        if isinstance(sensor := given.get("range_sensor"), str):
+            given["range_sensor"] = sensors.named(sensor)
         self._put("_given", {name: {**value} if isinstance(value, dict) else value for name, value in given.items()})
         return self
 
@@ -104,7 +107,7 @@ class Task:
         self._put("scenario", ScenarioRanges.of(self.scenario))
         for name, kinds in PARTS.items():
             if name in checked:
-                record, ranges = ranged_record(name, getattr(self, name), kinds)
+                record, ranges = ranged_record(name, self._given.get(name, getattr(self, name)), kinds)
                 self._put(name, record)
                 drawn |= ranges
         for row in SET_UP:
