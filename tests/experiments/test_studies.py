@@ -7,6 +7,7 @@ from html import unescape
 from itertools import count
 from pathlib import Path
 
+import numpy as np
 import polars as pl
 import pytest
 from browser_pages import stands_on_its_own, text_of_a_page_that_stands_on_its_own
@@ -19,13 +20,13 @@ from experiments.lab import results
 from experiments.lab import study as lab_study
 from experiments.lab.parts import Picture, Section, Table
 from experiments.lab.study import Cell, Findings, Measurement, Study, StudyOptions, StudyRun, csv_of
-from experiments.studies import stability, teleop
+from experiments.studies import sensors, stability, teleop
 from experiments.studies.solvers import approaches, contenders
 from experiments.studies.speed import rates
 from experiments.studies.stability import storm
 from impact_gym.support.sources import compiled_from
 
-FIGURES = {"paper": 1, "speed": 0, "stability": 0, "teleop": 0, "speed of trainings": 0}
+FIGURES = {"paper": 1, "speed": 0, "stability": 0, "teleop": 0, "sensors": 0, "speed of trainings": 0}
 EVERY = [pytest.param(name, marks=pytest.mark.slow) if "training" in name else name for name in FIGURES]
 
 
@@ -153,6 +154,8 @@ def cells_of(name):
     if name == "teleop":
         rigid = (cell for cell in teleop.assisted(True, {}) if cell.labels["coupling"] == "rigid")
         return {"episodes": [cell for cell in rigid if cell.labels["seed"] < 2]}
+    if name == "sensors":
+        return {"episodes": None}
     return {"environments": None, "rates": [Cell({"set-up": "linear-blind"}, {"name": "linear-blind", "quick": True})]}
 
 
@@ -220,6 +223,20 @@ def test_assistances_are_compared_in_the_same_scenarios(small):
     assert less == pytest.approx(100.0 * (1.0 - policy / brake), abs=0.051)
     for who in teleop.ASSISTANCE[:3]:  # they do not change the command before the touch
         assert rows[who]["taken"].max() == 0.0
+
+
+def test_sensors_are_compared_at_the_rules_time(small):
+    run = small("sensors")
+    (table,) = (part for part in run.study.analyse(run, True).sections[0].parts if isinstance(part, Table))
+    for sensor, known, _, unknown, _ in table.rows:
+        rows = run["episodes"].filter(pl.col("sensor") == sensor, ~pl.col("missed"))
+        means = rows.group_by("contestant", "weight").agg(pl.col("approach_time", "object_velocity").mean())
+        of = {who: each.sort("approach_time") for (who,), each in means.group_by("contestant")}
+        (_, _, time, velocity), = of.pop(sensors.RULE).rows()  # fmt: skip
+        for who, each in of.items():
+            ours = np.interp(time, each["approach_time"], each["object_velocity"])
+            said = {sensors.KNOWN: known, sensors.UNKNOWN: unknown}[who].partition(" [")[0]
+            assert float(said) == pytest.approx(100.0 * (1.0 - ours / velocity), abs=0.051)
 
 
 def test_rate_counts_every_step_of_the_calls_made():
