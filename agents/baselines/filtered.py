@@ -101,8 +101,8 @@ class FilteredProfile(StretchedProfile, tunable=True):
         """Return the estimate after readings (m) at tool positions (m), in the rows whose reading `counts`."""
         (weight, place), sensor = estimate, self.task.range_sensor
         added = np.where(counts, 1.0 / np.maximum(sensor.noise + sensor.share * reading, LEAST_SPREAD) ** 2, 0.0)
-        measured = tool + reading - sensor.bias
-        place = np.where(counts, (weight * place + added * measured) / (weight + added), place)
+        read = tool + reading - sensor.bias
+        place = np.where(counts, (weight * place + added * read) / (weight + added), place)
         return np.stack([weight + added, place])
 
     def with_estimate(self, view: View, state: Floats) -> View:

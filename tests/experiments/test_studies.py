@@ -228,15 +228,13 @@ def test_assistances_are_compared_in_the_same_scenarios(small):
 def test_sensors_are_compared_at_the_rules_time(small):
     run = small("sensors")
     (table,) = (part for part in run.study.analyse(run, True).sections[0].parts if isinstance(part, Table))
-    for sensor, known, _, unknown, _ in table.rows:
+    for sensor, lower, _ in table.rows:
         rows = run["episodes"].filter(pl.col("sensor") == sensor, ~pl.col("missed"))
         means = rows.group_by("contestant", "weight").agg(pl.col("approach_time", "object_velocity").mean())
         of = {who: each.sort("approach_time") for (who,), each in means.group_by("contestant")}
-        (_, _, time, velocity), = of.pop(sensors.RULE).rows()  # fmt: skip
-        for who, each in of.items():
-            ours = np.interp(time, each["approach_time"], each["object_velocity"])
-            said = {sensors.KNOWN: known, sensors.UNKNOWN: unknown}[who].partition(" [")[0]
-            assert float(said) == pytest.approx(100.0 * (1.0 - ours / velocity), abs=0.051)
+        (time,), (velocity,) = of[sensors.RULE]["approach_time"], of[sensors.RULE]["object_velocity"]
+        ours = np.interp(time, of[sensors.PROFILE]["approach_time"], of[sensors.PROFILE]["object_velocity"])
+        assert float(lower.partition(" [")[0]) == pytest.approx(100.0 * (1.0 - ours / velocity), abs=0.051)
 
 
 def test_rate_counts_every_step_of_the_calls_made():
