@@ -8,11 +8,11 @@ import tyro
 from scipy.stats import ttest_1samp
 
 from agents.policies import load_ensemble
-from agents.setups import load_setup, shipped
+from agents.setups import load_setup, trained
 from impact_gym.support.command_line import run_command
 from impact_gym.support.provenance import modern_command
 
-SHIPPED = shipped()
+SHIPPED = trained()
 
 
 @dataclass(frozen=True)

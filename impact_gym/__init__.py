@@ -5,7 +5,7 @@ from impact_gym.support import beside, sources
 sources.check()
 beside.install()
 
-from impact_gym import envs, robot
+from impact_gym import envs, robot, sensors
 from impact_gym.advice import advise
 from impact_gym.couplings import Bistable, Rigid, SpringDamper
 from impact_gym.identification import Identified, LoadCell, Sensor, identify
@@ -24,7 +24,7 @@ __all__ = [
     "MATERIALS", "Bistable", "Brake", "Channel", "Contact", "ContactRecord", "HeldOut", "Identified", "LoadCell",
     "Material", "Motion", "Object", "Outcome", "Outcomes", "Rigid", "Robot", "RobotTable", "Scene", "Sensor",
     "SpringDamper", "Tool", "Trace", "Trapezoid", "advise", "channels", "effective_restitution", "hertz", "hold_out",
-    "identify", "material_ranges", "operators", "robot", "simulate", "sweep",
+    "identify", "material_ranges", "operators", "robot", "sensors", "simulate", "sweep",
 ]  # fmt: skip
 
 envs.register()

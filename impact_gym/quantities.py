@@ -112,6 +112,7 @@ RATE, NOT_NEGATIVE = Limits(at_least=1e-9, at_most=1e9), Limits(at_least=0.0, at
 RESTITUTION, DAMPING_RATIO = Limits(at_least=1e-12, at_most=1.0), Limits(at_least=0.0, at_most=1e6)
 WEIGHT, SIZE, PART, LOST = (Limits(at_least=0.0, at_most=most) for most in (LARGEST_WEIGHT, 1e3, 1.0, 0.99))
 SECONDS, OFFSET = SIZE, Limits(at_least=-1e3, at_most=1e3)
+CORRELATION = Limits(at_least=0.0, at_most=0.999)
 NEWTONS, EXPONENT = Limits(at_least=0.0, at_most=1e6), Limits(at_least=0.0, at_most=10.0)
 THRESHOLD = Limits(at_least=1e-6, at_most=1e6)
 FORCE, SHARE, GAP = Scale(0.0, 1000.0, 0.0, "log1p"), Scale(0.0, 1.0, 0.0), Scale(-0.5, 0.5)
@@ -215,6 +216,14 @@ SET_UP = (
     set_up("range_sensor.bias", "error of all range readings of the episode", "m", OFFSET, 50, Scale(-0.1, 0.1)),
     set_up("range_sensor.dropout", "share of range readings that are lost", "-", LOST, 51, SHARE),
     set_up("range_sensor.delay", "delay of range readings", "s", SECONDS, 52, HALF),
+    set_up("range_sensor.scale", "relative error of all range readings of the episode", "-",
+           Limits(above=-1.0, at_most=1.0), 53, Scale(-0.2, 0.2)),
+    set_up("range_sensor.correlation", "correlation of the noise of successive range readings", "-", CORRELATION, 54,
+           SHARE),
+    set_up("range_sensor.resolution", "step to which range readings are rounded", "m", SIZE, 55, Scale(0.0, 0.05, 0.0)),
+    set_up("range_sensor.nearest", "smallest gap that the range sensor reads", "m", SIZE, 56, HALF),
+    set_up("range_sensor.farthest", "largest gap that the range sensor reads", "m", SIZE, 57,
+           Scale(0.0, 1e3, 0.0, "log1p")),
 )  # fmt: skip
 """Arguments of the environment, or parts of them. Each number may be a range, from which each episode draws."""
 

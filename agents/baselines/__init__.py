@@ -8,14 +8,14 @@ from pkgutil import iter_modules
 
 from agents.baselines.constant import ConstantSpeed, LocalBrake, OperatorAlone, PaperTrapezoid, RandomActions
 from agents.baselines.detector import DetectorProfile, DetectorRanged
-from agents.baselines.filtered import FilteredProfile, FirstReadingProfile
+from agents.baselines.filtered import FilteredProfile, FirstReadingProfile, SelfCalibratingProfile
 from agents.baselines.profile import BlindProfile, Clairvoyant, ConstantDeceleration, Ranged, RangedProfile
 from agents.baselines.rule import FIXED, RULES, Rule, tuned_rule
 
 __all__ = [
     "FIXED", "RULES", "BlindProfile", "Clairvoyant", "ConstantDeceleration", "ConstantSpeed", "DetectorProfile",
     "DetectorRanged", "FilteredProfile", "FirstReadingProfile", "LocalBrake", "OperatorAlone", "PaperTrapezoid",
-    "RandomActions", "Ranged", "RangedProfile", "Rule", "tuned_rule",
+    "RandomActions", "Ranged", "RangedProfile", "Rule", "SelfCalibratingProfile", "tuned_rule",
 ]  # fmt: skip
 
 for module in iter_modules(__path__):  # each enters its baselines into RULES and FIXED

@@ -108,6 +108,11 @@ def shipped() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in SHIPPED.glob("*.toml")))
 
 
+def trained() -> tuple[str, ...]:
+    """Return the names of the shipped set-ups with a shipped policy."""
+    return tuple(name for name in shipped() if (SHIPPED.parent / "policies" / f"{name}.npz").is_file())
+
+
 def shipped_baselines() -> tuple[str, ...]:
     """Return the names of the shipped tuned baselines."""
     return tuple(sorted(path.stem for path in TUNED.glob("*.json")))

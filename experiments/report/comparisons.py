@@ -39,6 +39,8 @@ RULES = {  # for the class of a tuned baseline its name for readers, and what it
                        "a contact detector and a profile over the estimate"),
     "FirstReadingProfile": ("tuned profile over the first reading", "the first reading of the range sensor"),
     "FilteredProfile": ("tuned profile over filtered readings", "a filter over all readings"),
+    "SelfCalibratingProfile": ("tuned profile over self-calibrated readings",
+                               "a filter that also estimates the sensor's bias and scale"),
 }  # fmt: skip
 
 

@@ -10,6 +10,7 @@ QUESTIONS = {
     "speed": "How fast are the solver, the environments and the training?",
     "stability": "Is the solver stable on random scenes?",
     "teleop": "Which assistance helps if the operator's commands arrive late?",
+    "sensors": "What does a range sensor that is sold bring?",
     "stock": "How good is a policy after 1, 3, 10 minutes of training with stable-baselines3?",
 }
 """The question of each study, by the study's name."""

@@ -14,12 +14,17 @@ cdef void sense_range(Row *row) noexcept nogil:
     cdef const RangeSensorNumbers *sensor = &episode.drawn.range_sensor
     cdef const RangeReading *reading
     cdef double seed = episode.drawn.noise_seed, gap = max(-row.chain.penetration, 0.0), time = row.chain.time
+    cdef double rho = sensor.correlation if episode.control_steps > 0 else 0.0  # the first error has no predecessor
     cdef int64_t first = RANGE_STREAM + 3 * episode.control_steps
     cdef double[2] uniform
-    if hashed(seed, first) >= sensor.dropout:
-        uniform[0], uniform[1] = hashed(seed, first + 1), hashed(seed, first + 2)
-        gap += sensor.bias + (sensor.noise + sensor.share * gap) * normal(uniform)
-        row.ranges[episode.ranges_taken % row.range_slots] = RangeReading(time, max(gap, 0.0))
+    uniform[0], uniform[1] = hashed(seed, first + 1), hashed(seed, first + 2)
+    episode.range_error = rho * episode.range_error + sqrt(1.0 - rho * rho) * normal(uniform)
+    if hashed(seed, first) >= sensor.dropout and sensor.nearest <= gap <= sensor.farthest:
+        gap += sensor.scale * gap + sensor.bias + (sensor.noise + sensor.share * gap) * episode.range_error
+        gap = max(gap, 0.0)
+        if sensor.resolution > 0.0:
+            gap = rint(gap / sensor.resolution) * sensor.resolution
+        row.ranges[episode.ranges_taken % row.range_slots] = RangeReading(time, gap)
         episode.ranges_taken += 1
     while episode.ranges_delivered < episode.ranges_taken:
         reading = &row.ranges[episode.ranges_delivered % row.range_slots]

@@ -66,6 +66,7 @@ cdef struct Episode:  # drawn numbers, state and results of an episode
     double next_sample  # s, time of the next reading of the sensors; inf: no reading follows
     int64_t readings_taken  # number of readings taken so far, including those that are in transit at t = 0
     int64_t readings_delivered  # number of readings delivered to the controller
+    double range_error  # -, error of the newest range reading, divided by its standard deviation
     double range_time  # s, when the newest range reading at the controller was taken; -inf: none
     int64_t ranges_taken, ranges_delivered  # numbers of range readings taken and delivered; lost readings do not count
     int64_t control_steps

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, Self, get_args
 
+from impact_gym import sensors
 from impact_gym.couplings import COUPLINGS, SpringDamper, warn_of_stroke
 from impact_gym.kernels import RECORD
 from impact_gym.pack import indices
@@ -74,7 +75,7 @@ class Task:
     range_noise: Any = argument(None, "standard deviation of a distance estimate; None: no estimate")
     range_bias: Any = argument(0.0, "added to every distance estimate")
     observe_range_noise: bool = argument(False, "observe `range_noise`")
-    range_sensor: Any = argument(None, "a `RangeSensor` on the tool, or a dict")
+    range_sensor: Any = argument(None, "a `RangeSensor` on the tool, a dict, or a name in `impact_gym.sensors`")
     force_noise: Any = argument(0.0, "")
     force_bias: Any = argument(0.0, "")
     deflection_sensor: bool = argument(False, "observe how far the tool is displaced on its coupling")
@@ -105,6 +106,8 @@ class Task:
         kept = {name: {**value} if isinstance(value, dict) else value for name, value in given.items()}
         if kept.get("horizon", 0.0) is None:
             del kept["horizon"]
+        if isinstance(sensor := kept.get("range_sensor"), str):
+            kept["range_sensor"] = sensors.named(sensor)
         self._put("_given", kept)
         return self
 
@@ -114,7 +117,7 @@ class Task:
         self._put("scenario", ScenarioRanges.of(self.scenario))
         for name, kinds in PARTS.items():
             if name in checked:
-                record, ranges = ranged_record(name, getattr(self, name), kinds)
+                record, ranges = ranged_record(name, self._given.get(name, getattr(self, name)), kinds)
                 self._put(name, record)
                 drawn |= ranges
         for row in SET_UP:

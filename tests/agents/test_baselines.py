@@ -15,7 +15,7 @@ from refusal import refused
 from agents import load_setup
 from agents.baselines import RULES, BlindProfile, Clairvoyant, ConstantSpeed, OperatorAlone, PaperTrapezoid, Ranged
 from agents.baselines.constant import ThresholdBrake
-from agents.baselines.filtered import FilteredProfile
+from agents.baselines.filtered import FilteredProfile, SelfCalibratingProfile
 from agents.baselines.profile import KNOTS, LEAST_SPREAD, REACTION
 from agents.baselines.rule import View, tuned_rule
 from agents.evaluate.scenario_batch import ScenarioBatch
@@ -156,14 +156,18 @@ def test_shipped_baseline_beats_the_papers_rule_at_each_weight(name):
     assert (better.reshape(len(weights), count).mean(axis=1) > 0.0).all()
 
 
-START = [parameter.start for parameter in FilteredProfile.PARAMETERS]
+FILTERS = [FilteredProfile, SelfCalibratingProfile]
 PRIOR = 12.0 / 0.2**2  # 1/m^2, weight of the prior: uniform between 15 and 35 cm
 
 
-def estimates(rows, steps, speed=0.3, **options):
+def started(kind, task):
+    return kind([parameter.start for parameter in kind.PARAMETERS]).for_task(task)
+
+
+def estimates(rows, steps, speed=0.3, kind=FilteredProfile, **options):
     """Return arrays (steps, rows): error and spread of the estimate, age of the reading, whether there was a touch."""
     task = Task(**options)
-    batch, rule = Batch(rows, task), FilteredProfile(START).for_task(task)
+    batch, rule = Batch(rows, task), started(kind, task)
     batch.begin_seeded(0, {})
     spec, state, found = ObservationSpec(task), None, []
     action, none = np.tile([speed, 0.2], (rows, 1)), np.zeros(rows, bool)
@@ -176,9 +180,11 @@ def estimates(rows, steps, speed=0.3, **options):
     return (np.array(column) for column in zip(*found, strict=True))
 
 
+@pytest.mark.parametrize("kind", FILTERS)
 @pytest.mark.parametrize("coupling", [{"type": "Rigid"}, {"type": "SpringDamper", "stiffness": 50.0}])
-def test_without_errors_the_estimate_is_the_distance(coupling):
-    error, _, age, touched = estimates(200, 12, coupling=coupling, range_sensor={"delay": 0.05, "bias": 0.01})
+def test_without_errors_the_estimate_is_the_distance(coupling, kind):
+    sensor = {"delay": 0.05, "bias": 0.01}
+    error, _, age, touched = estimates(200, 12, kind=kind, coupling=coupling, range_sensor=sensor)
     read = np.isfinite(age) & ~touched
     assert read.any(axis=0).all()
     prior = PRIOR / (PRIOR + LEAST_SPREAD**-2) * 0.1  # m, remaining influence of the prior
@@ -186,24 +192,56 @@ def test_without_errors_the_estimate_is_the_distance(coupling):
     assert np.abs(error[read]).max() < prior + swing + 1e-6
 
 
-def test_spread_is_that_of_readings_weighted_by_inverse_variance():
+@pytest.mark.parametrize("kind", FILTERS)
+def test_spread_is_that_of_readings_weighted_by_inverse_variance(kind):
     """At a flange at rest every reading has the same variance."""
-    _, spread, age, _ = estimates(500, 10, speed=-0.5, range_sensor={"noise": 0.02, "dropout": 0.3})
+    _, spread, age, _ = estimates(500, 10, speed=-0.5, kind=kind, range_sensor={"noise": 0.02, "dropout": 0.3})
     count = np.cumsum(age == 0.0, axis=0)
     assert spread == pytest.approx((PRIOR + count / 0.02**2) ** -0.5, rel=1e-9)
 
 
+def test_spread_keeps_the_bias_and_allows_for_correlation():
+    """At rest: variance of the mean of n readings with correlation r, (1 + r) / (1 - r) sigma^2 / n for large n."""
+    sensor = {"noise": 0.02, "bias": (-0.03, 0.03), "correlation": 0.5}
+    _, spread, age, _ = estimates(50, 10, speed=-0.5, kind=SelfCalibratingProfile, range_sensor=sensor)
+    count = np.cumsum(age == 0.0, axis=0)
+    assert spread == pytest.approx((PRIOR + 1.0 / (0.06**2 / 12.0 + 3.0 * 0.02**2 / count)) ** -0.5, rel=1e-9)
+
+
 def test_errors_have_the_standard_deviation_of_the_filter():
-    error, spread, age, touched = estimates(1500, 12, range_sensor={"noise": 0.01, "dropout": 0.2, "delay": 0.02})
-    last = np.isfinite(age[-1]) & ~touched[-1]
-    score = (error / spread)[-1][last]
-    assert abs(score.mean()) < 5.0 / np.sqrt(score.size) + 0.05
-    assert score.std() == pytest.approx(1.0, abs=0.06)
+    sensor = {"noise": 0.01, "dropout": 0.2, "delay": 0.02}
+    drawn = {"noise": 0.005, "bias": (-0.02, 0.01), "scale": (-0.1, 0.1), "delay": (0.0, 0.04)}
+    for kind, own in ((FilteredProfile, sensor), (SelfCalibratingProfile, drawn)):
+        error, spread, age, touched = estimates(1500, 12, kind=kind, range_sensor=own)
+        last = np.isfinite(age[-1]) & ~touched[-1]
+        score = (error / spread)[-1][last]
+        assert abs(score.mean()) < 5.0 / np.sqrt(score.size) + 0.05
+        assert score.std() == pytest.approx(1.0, abs=0.06)
+
+
+def test_touch_tells_the_place_despite_an_unknown_bias():
+    sensor, still = {"bias": (-0.02, 0.02)}, {"restitution": 0.01, "object_mass": 5.0}
+    error, spread, _, touched = estimates(200, 250, 0.1, SelfCalibratingProfile, range_sensor=sensor, scenario=still)
+    first, rows = np.argmax(touched, axis=0), np.arange(200)
+    assert touched.any(axis=0).all()
+    assert np.abs(error[first - 1, rows]).max() > 0.015
+    assert np.abs(error[first + 1, rows]).max() < 0.006  # the object moves on by about 2 mm in a period
+    assert spread[first + 1, rows].max() < 1.01 * LEAST_SPREAD
+
+
+@pytest.mark.parametrize(("name", "most"), [("filtered-profile", 0.0101), ("sensed-robust-profile", 0.0126)])
+def test_profile_over_biased_readings_does_not_stop_short(name, most):
+    rule = load_baseline(name, 2.0)
+    for bias in (-most, most):
+        task = Task(range_sensor={"share": 0.1, "bias": bias})
+        own = task.changed({"range_sensor": rule.task.arguments()["range_sensor"]})  # the filter is not told the bias
+        played = ScenarioBatch(5_000_000, 300, task).play(rule.for_task(own))
+        assert played.missed.mean() < 0.01
 
 
 def test_filter_begins_anew_with_each_episode():
     task = Task(range_sensor={"noise": 0.01})
-    batch, spec, rule = Batch(4, task), ObservationSpec(task), FilteredProfile(START).for_task(task)
+    batch, spec, rule = Batch(4, task), ObservationSpec(task), started(FilteredProfile, task)
     batch.begin_seeded(0, {})
     view, state = rule.see(View(batch.observations, spec), None, None)
     for _ in range(3):

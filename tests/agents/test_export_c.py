@@ -16,7 +16,7 @@ from agents.baselines.rule import ranges_for
 from agents.export.c_header import write_header
 from agents.export.documentation import Exported, of_name
 from agents.export.replay import compiled, logged, replay
-from agents.setups import shipped, shipped_baselines
+from agents.setups import shipped_baselines, trained
 from impact_gym.envs import IDS
 from impact_gym.task import Task
 from impact_gym.task.action import RESOLUTION
@@ -29,6 +29,10 @@ RULES_IN_C = {
         "noise": 0.002, "share": 0.1}, "coupling": {"type": "SpringDamper", "stiffness": 50.0}}),
     "filter, late and lost": ("FilteredProfile", {"range_sensor": {
         "noise": 0.01, "share": 0.05, "bias": 0.01, "dropout": 0.3, "delay": [0.0, 0.08]}} | FAR),
+    "calibration, false alarms": ("SelfCalibratingProfile", {"alarm": "reading", "force_noise": 1.0, "range_sensor": {
+        "share": 0.05, "scale": [-0.1, 0.2], "correlation": [0.0, 0.9], "delay": 0.04}}),
+    "calibration, rigid": ("SelfCalibratingProfile", {"coupling": {"type": "Rigid"}, "range_sensor": {
+        "noise": [0.0, 0.01], "bias": [-0.02, 0.01], "dropout": 0.3, "nearest": 0.03}} | FAR),
     "deceleration, far": ("ConstantDeceleration", FAR), "profile, far": ("BlindProfile", FAR),
     "detector with a range": ("DetectorRanged", load_setup("ranged-robust").environment | FAST),
     "threshold": ("ThresholdBrake", NOISE),
@@ -72,7 +76,7 @@ def made_up_rule(rule, environment):
 
 
 CONTROLLERS = {
-    **{name: partial(of_name, name) for name in (*shipped(), *shipped_baselines(), *FIXED) if name != "random"},
+    **{name: partial(of_name, name) for name in (*trained(), *shipped_baselines(), *FIXED) if name != "random"},
     **{name: partial(made_up_rule, *how) for name, how in RULES_IN_C.items()},
     **{name: lambda each=each: Exported(made_up_policy(2, each)) for name, each in POLICIES_IN_C.items()},
 }  # fmt: skip

@@ -16,7 +16,7 @@ from agents.baselines import PaperTrapezoid
 from agents.evaluate.scenario_batch import RESULTS, TEST_SEED, TUNING_SEED, VALIDATION_SEED, ScenarioBatch, Validation
 from agents.policies import Ensemble, load_ensemble
 from agents.policies.networks import to_arrays
-from agents.setups import shipped
+from agents.setups import trained
 from agents.setups.evaluation import WEIGHTS
 from agents.train.ppo import FIRST_SEED
 from agents.train.seeds import median
@@ -54,7 +54,7 @@ def test_predict_computes_the_network_row_by_row(kind):
         assert np.array_equal(policy.predict(seen[rows])[0], actions[rows])
 
 
-@pytest.mark.parametrize("name", shipped())
+@pytest.mark.parametrize("name", trained())
 def test_shipped_policy_is_the_median_of_its_seeds(name):
     ensemble, setup = load_ensemble(name), load_setup(name)
     assert sorted(policy.seed for policy in ensemble.policies) == list(range(setup.seeds))

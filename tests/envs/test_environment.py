@@ -209,6 +209,46 @@ def test_range_sensor_has_the_given_noise_bias_and_dropouts():
     assert readings(3, "range", range_sensor=RangeSensor(noise=1.0)).min() == 0.0  # never negative
 
 
+def test_noise_of_successive_range_readings_is_correlated():
+    noise, rho, count = 0.004, 0.8, 12
+    (gap,) = readings(count, "range", range_sensor=RangeSensor(noise, correlation=rho))
+    error = (gap - 0.3) / noise  # (ticks, rows), stationary from the first reading on
+    assert np.abs(error.mean(axis=1)).max() < 4.5 / np.sqrt(error.shape[1])
+    assert np.abs(error.std(axis=1) - 1.0).max() < 4.5 / np.sqrt(2.0 * error.shape[1])
+    expected = rho ** np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
+    assert np.corrcoef(error) == pytest.approx(expected, abs=4.5 / np.sqrt(error.shape[1]))
+
+
+def test_range_sensor_has_the_drawn_scale_and_bias():
+    (gap,) = readings(2, "range", range_sensor={"scale": (-0.2, 0.1)})
+    assert np.array_equal(gap[0], gap[1])  # constant in an episode
+    assert stats.kstest(gap[0] / 0.3, stats.uniform(0.8, 0.3).cdf).pvalue > 1e-3
+    (gap,) = readings(1, "range", range_sensor={"scale": 0.1, "bias": (-0.02, 0.0)})
+    assert stats.kstest(gap[0] - 0.33, stats.uniform(-0.02, 0.02).cdf).pvalue > 1e-3
+
+
+def test_range_sensor_rounds_and_loses_what_is_out_of_range():
+    noisy = RangeSensor(0.004, resolution=0.002), RangeSensor(0.004)
+    rounded, exact = (readings(3, "range", range_sensor=each)[0] for each in noisy)
+    assert rounded == pytest.approx(0.002 * np.round(exact / 0.002), abs=1e-12)
+    for ends, lost in (((0.2, 0.299), True), ((0.301, 0.4), True), ((0.299, 0.301), False)):
+        (age,) = readings(3, "range_age", range_sensor=RangeSensor(bias=0.05, nearest=ends[0], farthest=ends[1]))
+        assert (np.isinf(age) if lost else age == 0.0).all()  # the true gap of 0.3 m counts, not the reading
+    (age,) = readings(1, "range_age", range_sensor={"farthest": (0.28, 0.32)})
+    assert np.isfinite(age).mean() == pytest.approx(0.5, abs=2.0 / np.sqrt(age.size))
+
+
+@pytest.mark.parametrize("name", ig.sensors.PRESETS)
+def test_sold_sensor_is_meant_by_its_name(name):
+    own, preset = Task(range_sensor=name), getattr(ig.sensors, name)
+    assert own == Task(range_sensor=preset) == Task(**own.arguments())
+    assert own.drawn == {f"range_sensor.{each}": value for each, value in preset.items() if isinstance(value, tuple)}
+    widest = load_setup("sensed-robust").task.ranges  # they hold all sensors
+    for each, value in preset.items():
+        low, high = widest[f"range_sensor.{each}"]
+        assert low <= np.min(value) <= np.max(value) <= high
+
+
 @pytest.mark.parametrize(("threshold", "sigma"), [(1.0, 0.5), (2.0, 2.0), (4.0, 5.0)])
 def test_false_alarms_are_as_frequent_as_noise_above_threshold(threshold, sigma):
     rows, ticks, last, again, period = 3000, 40, 7, 0, 0.021  # an alarm lasts `last` steps; their sums are rounded down

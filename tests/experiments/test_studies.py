@@ -7,6 +7,7 @@ from html import unescape
 from itertools import count
 from pathlib import Path
 
+import numpy as np
 import polars as pl
 import pytest
 from browser_pages import stands_on_its_own, text_of_a_page_that_stands_on_its_own
@@ -19,13 +20,13 @@ from experiments.lab import results
 from experiments.lab import study as lab_study
 from experiments.lab.parts import Picture, Section, Table
 from experiments.lab.study import Cell, Findings, Measurement, Study, StudyOptions, StudyRun, csv_of
-from experiments.studies import speed, stability, teleop
+from experiments.studies import sensors, speed, stability, teleop
 from experiments.studies.solvers import approaches
 from experiments.studies.speed import rates
 from experiments.studies.stability import checks
 from impact_gym.support.sources import compiled_from
 
-FIGURES = {"paper": 1, "speed": 0, "stability": 0, "teleop": 0, "speed of trainings": 0}
+FIGURES = {"paper": 1, "speed": 0, "stability": 0, "teleop": 0, "sensors": 0, "speed of trainings": 0}
 EVERY = [pytest.param(name, marks=pytest.mark.slow) if "training" in name else name for name in FIGURES]
 
 
@@ -152,6 +153,8 @@ def cells_of(name):
     if name == "teleop":
         rigid = (cell for cell in teleop.assisted(True, {}) if cell.labels["coupling"] == "rigid")
         return {"episodes": [cell for cell in rigid if cell.labels["seed"] < 2]}
+    if name == "sensors":
+        return {"episodes": None}
     return {"environments": None, "rates": [Cell({"set-up": "linear-blind"}, {"name": "linear-blind", "quick": True})]}
 
 
@@ -219,6 +222,18 @@ def test_assistances_are_compared_in_the_same_scenarios(small):
     assert less == pytest.approx(100.0 * (1.0 - policy / brake), abs=0.051)
     for who in teleop.ASSISTANCE[:3]:  # they do not change the command before the touch
         assert rows[who]["withheld_share"].max() == 0.0
+
+
+def test_sensors_are_compared_at_the_rules_time(small):
+    run = small("sensors")
+    (table,) = (part for part in run.study.analyse(run, True).sections[0].parts if isinstance(part, Table))
+    for sensor, lower, _ in table.rows:
+        rows = run["episodes"].filter(pl.col("sensor") == sensor, ~pl.col("missed"))
+        means = rows.group_by("contestant", "weight").agg(pl.col("approach_time", "object_velocity").mean())
+        of = {who: each.sort("approach_time") for (who,), each in means.group_by("contestant")}
+        (time,), (velocity,) = of[sensors.RULE]["approach_time"], of[sensors.RULE]["object_velocity"]
+        ours = np.interp(time, of[sensors.PROFILE]["approach_time"], of[sensors.PROFILE]["object_velocity"])
+        assert float(lower.partition(" [")[0]) == pytest.approx(100.0 * (1.0 - ours / velocity), abs=0.051)
 
 
 def test_rate_counts_every_step_of_the_calls_made():

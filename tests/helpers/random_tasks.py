@@ -31,6 +31,8 @@ DRAWN = SPANS | {
 }  # fmt: skip
 RANGE_SENSOR = {
     "noise": (0.0, 0.01), "share": (0.0, 0.1), "bias": (-0.01, 0.01), "dropout": (0.0, 0.5), "delay": (0.0, 0.1),
+    "scale": (-0.1, 0.1), "correlation": (0.0, 0.9), "resolution": (0.0, 0.005), "nearest": (0.0, 0.05),
+    "farthest": (0.2, 1.0),
 }  # fmt: skip
 EVERYTHING_DRAWN = {
     "sensor": {name: DRAWN[name] for name in DRAWN if name not in ESTIMATE} | {"range_sensor": RANGE_SENSOR},
