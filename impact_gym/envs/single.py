@@ -78,10 +78,9 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     ends 0.15 s after a switch would have raised the alarm.
 
     With `range_sensor` the tool carries a proximity sensor, see `RangeSensor`. For every observation, the sensor
-    measures the gap to the object. A reading can have noise and a bias, be lost, or arrive late. The controller
-    observes the newest reading that has arrived, and its age. Before the first reading has arrived, reading and age are
-    inf in `sensors()`, and both are 1 in the observation. The argument `range_noise` adds an estimate of the distance,
-    made once before the episode. With `range_sensor`, `range_noise` must be None.
+    measures the gap to the object. The controller observes the newest reading that has arrived, and its age. Before the
+    first, both are inf in `sensors()`, and 1 in the observation. The argument `range_noise`, without a `range_sensor`,
+    adds an estimate of the distance, made once before the episode.
 
     ## Rewards
     Without an `operator`, each step gives `-time_weight * dt` until the first contact begins. Here dt is the duration
