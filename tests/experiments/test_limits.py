@@ -81,7 +81,8 @@ def test_where_no_controller_keeps_a_limit_help_is_tried(monkeypatch, tmp_path):
     search = search_of(monkeypatch, tried, helps, max_velocity=0.2)
     refused(lambda: search.soonest(tmp_path / "limits.svg"),
             "keeps V_p of 0.2 m/s for 95 %", "the least is V_p of 0.301 m/s, with the tuned profile",
-            "half as stiff V_p of 0.213 m/s; with half the tool's mass V_p of 0.15 m/s; with twice the time none")  # fmt: skip
+            "half as stiff V_p of 0.213 m/s; with half the tool's mass V_p of 0.15 m/s; with twice the time none",
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize(("border", "added"), [
