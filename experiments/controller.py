@@ -111,35 +111,14 @@ def source_of(best: str, copy: Path, out: Path) -> Path | str:
     return files.get(best, policy if best.startswith("seed-") else RULE if best == PAPER else best)
 
 
-def kind_of(source: Path | str) -> str:
-    """Return "rule", "baseline" (tuned) or "policy" for a result of `source_of`."""
-    return "rule" if source in FIXED else "policy" if Path(source).suffix == ".npz" else "baseline"
-
-
-def chosen_in_report(copy: Path, out: Path) -> dict[str, Any]:
-    """Return the choice of the report, see `experiments.report.choice.Choice`."""
-    return dict(last_run(out / "report")["numbers"]["choices"][copy.stem])
-
-
 def exporting(copy: Path, options: ControllerOptions, best: str = "") -> export.Export:
     """Return the options for the export of the controller `best` ("": the report's choice), or of all controllers."""
     out = options.out
-    source = source_of(best or chosen_in_report(copy, out)["controller"], copy, out)
-    exported = export.Export(str(source), out / "export", setup=None if kind_of(source) == "policy" else str(copy))
+    source = source_of(best or last_run(out / "report")["numbers"]["choices"][copy.stem]["controller"], copy, out)
+    exported = export.Export(str(source), out / "export", setup=None if str(source).endswith(".npz") else str(copy))
     if options.all:
         exported = replace(exported, controller=str(copy), setup=None, all=True, folder=out)
     return replace(exported, episodes=QUICK_SCENARIOS, calls=QUICK_CALLS) if options.quick else exported
-
-
-def within_limits(options: ControllerOptions, tuning: tune.Tune, page: report.ReportOptions) -> tuple[str, float]:
-    """Return name and time weight (m/s per s) of the soonest controller that keeps the limits, and write limits.svg.
-
-    ValueError: no controller keeps them.
-    """
-    (before,) = report.comparisons_of(page)
-    tune.tune_beyond(tuning, Search(before, options, tuning).keeps)
-    (comparison,) = report.comparisons_of(page)  # with further time weights
-    return Search(comparison, options, tuning).soonest(options.out / "limits.svg")
 
 
 def write_recommended(
@@ -147,27 +126,30 @@ def write_recommended(
 ) -> str:
     """Write `out`/recommended.json: a controller, and its results in the report's scenarios; return a sentence on them.
 
-    A quantile p95 is at least that of 95 % of all objects; it is null if more than 5 % are missed.
+    p95: 95 % of all objects are touched and stay at or below this value; null if fewer are touched.
     """
     (comparison,), source = report.comparisons_of(page), source_of(best, copy, options.out)
     spec = next(each.controller for each in simplest_first(comparison) if each.name == best)
     task = Task(**comparison.environment)
     played = scenario_batch_of(comparison.scenarios, weight, task).play(controller_of(spec, weight, task))
-    results = {"velocity": played.object_velocity, "force": played.peak_force, "time": played.approach_time}
-    touched, p95 = ~played.missed, {name: quantile(each, played.missed, 0.95) for name, each in results.items()}
-    measured = {"mean_velocity": played.object_velocity[touched].mean() if touched.any() else None}
-    measured |= {f"p95_{name}": each.value if isfinite(each.value) else None for name, each in p95.items()}
-    measured |= {"mean_time": played.approach_time.mean(), "missed": int(played.missed.sum())}
-    limits = options.given | ({"share": options.share} if options.given else {})
-    path = source if isinstance(source, str) else str(source.resolve())
-    content = {"controller": path, "kind": kind_of(source), "time_weight": weight}
-    content |= {"limits": limits, "measured": measured}
+    velocity, missed = played.object_velocity, played.missed
+    measured = {"mean_velocity": velocity[~missed].mean() if not missed.all() else None}
+    for name, values in (("velocity", velocity), ("force", played.peak_force), ("time", played.approach_time)):
+        found = quantile(values, missed, 0.95).value
+        measured[f"p95_{name}"] = found if isfinite(found) else None
+    measured |= {"mean_time": played.approach_time.mean(), "missed": int(missed.sum())}
+    content = {
+        "controller": str(source.resolve() if isinstance(source, Path) else source),
+        "kind": "rule" if source in FIXED else next(iter(spec)).replace("tuned", "baseline"),
+        "time_weight": weight, "limits": options.given and options.given | {"share": options.share},
+        "measured": measured,
+    }  # fmt: skip
     write_file(options.out / RECOMMENDED, json.dumps(content, indent=2) + "\n")
     reached = options.reached(played)
     above = any(each.low > options.given[name] for name, each in reached.items())
     kept = words({name: f"{each:.3g}" for name, each in reached.items()})
     return (f"Take the {comparison.labels[best]} at a time weight of {weight:.3g} m/s per s. {100 * options.share:g} % "
-            f"of {touched.size:,} objects keep {kept}; the mean time is {measured['mean_time']:.3f} s."
+            f"of {missed.size:,} objects keep {kept}; the mean time is {measured['mean_time']:.3f} s."
             f"{' In these scenarios a limit is not kept.' * above}")  # fmt: skip
 
 
@@ -189,10 +171,10 @@ def run(options: ControllerOptions) -> None:
     for name, (work, stage) in each.items():
         usual = train.TrainOptions(str(copy), load_setup(copy).training) if name == "train" else None
         if name == "report" and options.given:
-            best, weight = within_limits(options, tuning, page)
+            best, weight = Search(page, options, tuning).soonest(options.out / "limits.svg")
         print(f"$ {command_of(name, stage, usual)}", flush=True)
         work(stage)
-    chosen = chosen_in_report(copy, options.out)
+    chosen = last_run(options.out / "report")["numbers"]["choices"][copy.stem]
     last = exporting(copy, options, best)
     print(f"$ {command_of('export', last)}", flush=True)
     files = export.run(last)

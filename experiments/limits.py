@@ -21,11 +21,11 @@ from agents.evaluate.play import controller_of, scenario_batch_of
 from agents.evaluate.scenario_batch import Episodes
 from agents.jobs import cached
 from agents.setups.evaluation import changes
-from agents.tune import BOUND_RTOL, Tune, tune_one
+from agents.tune import BOUND_RTOL, Tune, tune_beyond, tune_one
 from experiments.lab import charts
 from experiments.lab.statistics import CONFIDENCE, Estimate, Floats
+from experiments.report.__main__ import ReportOptions, comparisons_of
 from experiments.report.choice import simplest, simplest_first
-from experiments.report.comparisons import Comparison
 from experiments.report.episodes import selection_scenarios
 from impact_gym.parameters import SI, Options
 from impact_gym.render import palette
@@ -121,11 +121,13 @@ def attempts_elsewhere(rule: str, environment: JSON, weight: float, search: JSON
 class Search:
     """The search for the soonest contestant of a comparison that keeps limits."""
 
-    def __init__(self, comparison: Comparison, limits: Limits, tuning: Tune) -> None:
-        """Prepare the search; `tuning`: how the baselines of the set-up were tuned."""
-        self.comparison, self.limits, self.tuning = comparison, limits, tuning
-        scenarios = selection_scenarios(comparison.scenarios)
+    def __init__(self, page: ReportOptions, limits: Limits, tuning: Tune) -> None:
+        """Tune further time weights where the limits need them. `page`, `tuning`: of a report and of its baselines."""
+        (self.comparison,), self.limits, self.tuning = comparisons_of(page), limits, tuning
+        scenarios = selection_scenarios(self.comparison.scenarios)
         self.where = {"scenarios": scenarios, "limits": limits.given | {"share": limits.share}}
+        tune_beyond(tuning, self.keeps)
+        (self.comparison,) = comparisons_of(page)  # with the further weights
 
     def keeps(self, content: JSON, weight: float) -> bool:
         """Return whether the tuned baseline with this content of a file keeps the limits at a weight (m/s per s)."""

@@ -52,14 +52,16 @@ def attempt(weight, time, value, limit=0.5):
 
 def search_of(monkeypatch, *answers, **given):
     """The search of a synthetic comparison, whose calls have these results."""
-    answers = iter(answers)
-    monkeypatch.setattr(limits, "cached", lambda *_, **__: next(answers))
-    monkeypatch.setattr(tune.Tune, "baselines", lambda _: {"profile": None})
-    monkeypatch.setattr(tune.Tune, "search", lambda *_: {})
-    comparison = replace(played(("profile",)).comparison, scenarios={"set": "test", "count": 9})
-    tuned = {"tuned": {"rule": "BlindProfile", "parameters": []}}
-    everyone = (comparison.baselines[0], replace(comparison.baselines[1], controller=tuned))
-    return Search(replace(comparison, baselines=everyone), Limits(**given), tune.Tune(processes=0))
+    answers, comparison = iter(answers), played(("profile",)).comparison
+    profile = replace(comparison.baselines[1], controller={"tuned": {"rule": "BlindProfile", "parameters": []}})
+    whole = replace(comparison, scenarios={"set": "test", "count": 9}, baselines=(comparison.baselines[0], profile))
+    for module, name, value in (
+        (limits, "cached", lambda *_, **__: next(answers)), (limits, "comparisons_of", lambda _: [whole]),
+        (limits, "tune_beyond", lambda *_: None), (tune.Tune, "baselines", lambda _: {"profile": None}),
+        (tune.Tune, "search", lambda *_: {}),
+    ):  # fmt: skip
+        monkeypatch.setattr(module, name, value)
+    return Search(None, Limits(**given), tune.Tune(processes=0))
 
 
 RULE, PROFILE = [attempt(2.0, 0.3, 0.9)], [attempt(0.5, 0.8, 0.3), attempt(1.0, 0.6, 0.5), attempt(2.0, 0.4, 0.7)]
