@@ -176,18 +176,16 @@ def tune_at_rule_time(options: Tune) -> None:
 def tune_beyond(options: Tune, keeps: Callable[[dict[str, Any], float], bool]) -> None:
     """Tune each baseline for further time weights, until it keeps a limit at the lowest and not at the largest.
 
-    `keeps` tells for the content of a baseline's file and a tuned time weight (m/s per s) whether the limit is kept. A
-    larger weight gives a sooner, harder touch. The search ends at LEAST_LIMITED and LARGEST_WEIGHT.
+    `keeps` tells this for the content of a baseline's file and a weight, LEAST_LIMITED to LARGEST_WEIGHT (m/s per s).
     """
     names = options.baselines()
     while names:
         wanted = dict[float, list[str]]()
         for name, setup in names.items():
             content = tuned.read_tuned(name, options.folder(setup), setup)
-            weights = [*map(float, content["weights"])]
-            down = not keeps(content, min(weights))
-            further = min(weights) / 2.0 if down else 2.0 * max(weights)
-            if LEAST_LIMITED <= further <= LARGEST_WEIGHT and (down or keeps(content, max(weights))):
+            low, high = (end(map(float, content["weights"])) for end in (min, max))
+            further = 2.0 * high if (gentle := keeps(content, low)) else low / 2.0
+            if LEAST_LIMITED <= further <= LARGEST_WEIGHT and not (gentle and not keeps(content, high)):
                 wanted.setdefault(further, []).append(name)
         for weight, some in wanted.items():
             tune(replace(options, names=tuple(some), weights=(float(f"{weight:.3g}"),)))

@@ -62,7 +62,7 @@ def arm(seed: int) -> dict[str, Any]:
     robot = {"robot": {"type": "Robot", "mass": log(2.0, 10.0), "stiffness": log(2e4, 5e5), "damping": 50.0}}
     return {
         "reaction_delay": one_of(log(0.004, 0.03), span(0.004, 0.02, 3.0)), "alarm_threshold": log(0.5, 5.0),
-        "velocity_range": [-log(0.05, 0.5), top], "horizon": float(np.ceil(50.0 * far / top) / 10.0),
+        "velocity_range": [-log(0.05, 0.5), top],
         "scenario": {"object_mass": span(0.02, 0.5, 10.0), "contact_stiffness": span(1e3, 1e6, 30.0),
                      "restitution": [0.1, log(0.3, 0.9)], "distance": [near, far]},
         **mounts, **senses, **one_of({}, {}, robot), **one_of({}, {}, {"friction": log(0.05, 0.6)}),
