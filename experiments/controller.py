@@ -159,7 +159,7 @@ def run(options: ControllerOptions) -> None:
     if options.time_weight is not None:
         low, high = setup.training.time_weight
         number("time_weight", options.time_weight, "m/s per s", at_least=low, at_most=high)
-    if options.max_slide is not None and setup.task.friction is None:
+    if options.max_slide is not None and not setup.task.friction:
         raise ValueError(
             f"max_slide, got {options.max_slide:g} m, needs environment.friction, which {setup.called} lacks"
         )

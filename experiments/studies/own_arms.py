@@ -32,7 +32,8 @@ DEPENDS = ("impact_gym", "agents", "experiments.controller", "experiments.limits
 FRESH_SEED, FRESH = 80_000_000, 1000  # first seed and number of scenarios that tuning, choice and report did not use
 OUTSIDE = 1.1  # objects outside the set-up's range stand up to this factor nearer or farther
 SHORT = {"training.steps": 20_000, "training.envs": 64, "training.seeds": 2, "training.validation_scenarios": 50,
-         "baselines.budget": 96, "evaluation.scenarios": 200}  # fmt: skip
+         "baselines.budget": 48, "evaluation.scenarios": 200, "evaluation.weights": [1.0, 2.0],
+         "evaluation.curve": [1.0, 2.0, 4.0]}  # fmt: skip
 """Entries of the set-ups that make the searches short."""
 
 
