@@ -33,7 +33,7 @@ FRESH_SEED, FRESH = 80_000_000, 1000  # first seed and number of scenarios that 
 OUTSIDE = 1.1  # objects outside the set-up's range stand up to this factor nearer or farther
 SHORT = {"training.steps": 20_000, "training.envs": 64, "training.seeds": 2, "training.validation_scenarios": 50,
          "baselines.budget": 48, "evaluation.scenarios": 200, "evaluation.weights": [1.0, 2.0],
-         "evaluation.curve": [1.0, 2.0, 4.0]}  # fmt: skip
+         "evaluation.curve": [1.0, 2.0, 4.0], "evaluation.varied.tool_mass.times": [1.3]}  # fmt: skip
 """Entries of the set-ups that make the searches short."""
 
 
