@@ -77,6 +77,14 @@ def test_soonest_within_the_limit_is_taken(policy, name, weight, monkeypatch, tm
     assert "limit: 0.5 m/s" in chart.read_text()
 
 
+@pytest.mark.parametrize(("limit", "said"), [(0.9, "no controller exceeds the limits"), (0.89, "")])
+def test_limit_above_what_any_controller_does_is_named(limit, said, monkeypatch, tmp_path, capsys):
+    tried = [[each._replace(excess=each.quantiles["max_velocity"].high / limit) for each in found]
+             for found in (RULE, PROFILE, PROFILE)]  # fmt: skip
+    search_of(monkeypatch, tried, max_velocity=limit).soonest(tmp_path / "limits.svg")
+    assert capsys.readouterr().out.partition(",")[0] == said
+
+
 def test_where_no_controller_keeps_a_limit_help_is_tried(monkeypatch, tmp_path):
     tried = [[attempt(2.0, 0.3, 0.9, 0.2)], [attempt(0.5, 0.8, 0.30001, 0.2)], [attempt(1.0, 0.9, 0.4, 0.2)]]
     helps = [[attempt(0.5, 0.9, value, 0.2)] for value in (0.21234, 0.15, math.inf)]
