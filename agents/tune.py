@@ -30,6 +30,7 @@ BOUND_RTOL = 1e-5  # default relative tolerance in `search_bound`; the error of 
 NEAR = 0.005  # s; `next_weight` stops when a mean approach time on each side of the target is this near
 MOST_TRIED = 8  # largest number of time weights that `tune_at_rule_time` adds to a baseline
 LEAST_WEIGHT, LARGEST_WEIGHT = QUANTITIES["time_weight"].scale[:2]  # m/s per s, limits of the search
+LEAST_LIMITED = 0.02  # m/s per s, smallest time weight of `tune_beyond`
 LOCK = ".lock"
 CLEAN_ALARM = {"alarm": "force", "force_noise": 0.0, "force_bias": 0.0}
 SEARCHED = ("impact_gym", "agents.baselines", "agents.evaluate", "agents.tune")
@@ -172,6 +173,25 @@ def tune_at_rule_time(options: Tune) -> None:
             if (weight := next_weight(times, target)) is None:
                 break
             tune(replace(options, setups=(setup.cli_name,), names=(name,), weights=(weight,)))
+
+
+def tune_beyond(options: Tune, keeps: Callable[[dict[str, Any], float], bool]) -> None:
+    """Tune each baseline for further time weights, until it keeps a limit at the lowest and not at the largest.
+
+    `keeps` tells this for the content of a baseline's file and a weight, LEAST_LIMITED to LARGEST_WEIGHT (m/s per s).
+    """
+    names = options.baselines()
+    while names:
+        wanted = dict[float, list[str]]()
+        for name, setup in names.items():
+            content = tuned.read_tuned(name, options.folder(setup), setup)
+            low, high = (end(map(float, content["weights"])) for end in (min, max))
+            further = 2.0 * high if (gentle := keeps(content, low)) else low / 2.0
+            if LEAST_LIMITED <= further <= LARGEST_WEIGHT and not (gentle and not keeps(content, high)):
+                wanted.setdefault(further, []).append(name)
+        for weight, some in wanted.items():
+            tune(replace(options, names=tuple(some), weights=(float(f"{weight:.3g}"),)))
+        names = {name: names[name] for some in wanted.values() for name in some}
 
 
 def _tuned_before(name: str, setup: Setup, options: Tune, say: Callable[[str], None] = print) -> dict[str, Any]:

@@ -1,7 +1,12 @@
-"""`impact-gym controller SETUP --out DIR`: tune, train, report, export the controller that the report recommends."""
+"""`impact-gym controller SETUP --out DIR`: tune, train, report, export the controller that the report recommends.
 
+With limits, such as `--max-velocity 0.3`, it exports the soonest controller that keeps them, see `experiments.limits`.
+"""
+
+import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from math import isfinite
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -9,22 +14,28 @@ from typing import Any
 import tyro
 
 from agents import tune
+from agents.baselines import FIXED
+from agents.evaluate.play import controller_of, scenario_batch_of
 from agents.export import __main__ as export
 from agents.setups import Setup, load_setup
 from agents.train import __main__ as train
 from experiments.lab.study import last_run
+from experiments.limits import Limits, Search, quantile, words
 from experiments.report import __main__ as report
+from experiments.report.choice import simplest_first
 from experiments.report.comparisons import PAPER, RULE
 from impact_gym.support.command_line import command_of, run_command
 from impact_gym.support.files import write_file
 from impact_gym.support.validation import number
+from impact_gym.task import Task
 
 MADE_FOR = attrgetter("environment", "training", "tuned", "budget", "evaluation.weights")
+RECOMMENDED = "recommended.json"
 QUICK_BUDGET, QUICK_STEPS, QUICK_SEEDS, QUICK_SCENARIOS, QUICK_CALLS = 320, 1_000_000, 3, 200, 10_000
 
 
 @dataclass(frozen=True)
-class ControllerOptions:
+class ControllerOptions(Limits):
     """Make a controller for a set-up: tune baselines, train policies, write a report and export the best controller."""
 
     setup: tyro.conf.Positional[str]
@@ -45,6 +56,12 @@ class ControllerOptions:
     cluster: str | None = None
     """Address of a Ray cluster that tunes, trains and plays. "ray": the address in RAY_ADDRESS, or else the cluster of
     this machine."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.given and self.time_weight is not None:
+            raise ValueError(f"time_weight, got {self.time_weight:g} m/s per s, must be left out with "
+                             f"{', '.join(self.given)}: limits need their own time weight")  # fmt: skip
 
 
 def copy_setup(setup: Setup, out: Path, quick: bool = False) -> Path:
@@ -74,9 +91,7 @@ def stages(copy: Path, options: ControllerOptions) -> dict[str, tuple[Callable[[
     tuning = tune.Tune(copies, bound=setup.bound == copy.stem, out=out / "tuned", jobs=out / "searches", **where)
     training = train.TrainOptions(copies[0], setup.training)
     training = replace(training, seeds=setup.seeds, out=out / "runs", policies=out / "policies", **where)
-    page = report.ReportOptions(
-        setups=copies, folder=out, out=out / "report", cluster=options.cluster, time_weight=weight
-    )
+    page = report.ReportOptions(setups=copies, folder=out, out=out / "report", time_weight=weight, **where)
     if weight is not None and weight not in setup.evaluation.weights:
         tuning = replace(tuning, weights=tuple(sorted({*setup.evaluation.weights, weight})))
     if options.quick:
@@ -89,17 +104,53 @@ def stages(copy: Path, options: ControllerOptions) -> dict[str, tuple[Callable[[
     return {"tune": (tune.run, tuning), "train": (train.run, training), "report": (report.write, page)}
 
 
-def exporting(copy: Path, options: ControllerOptions) -> export.Export:
-    """Return the options for the export of the controller that the report recommends, or of all controllers."""
-    out = options.out
-    best = last_run(out / "report")["numbers"]["choices"][copy.stem]["controller"]
-    files = {name: out / "tuned" / f"{name}.json" for name in load_setup(copy).tuned}
+def source_of(best: str, copy: Path, out: Path) -> Path | str:
+    """Return the file or the name of a contestant for `load_policy` or `load_baseline`."""
+    files: dict[str, Path | str] = {name: out / "tuned" / f"{name}.json" for name in load_setup(copy).tuned}
     policy = out / "policies" / f"{copy.stem}.npz"
-    source = files.get(best, policy if best.startswith("seed-") else RULE if best == PAPER else best)
-    exported = export.Export(str(source), out / "export", setup=None if source == policy else str(copy))
+    return files.get(best, policy if best.startswith("seed-") else RULE if best == PAPER else best)
+
+
+def exporting(copy: Path, options: ControllerOptions, best: str = "") -> export.Export:
+    """Return the options for the export of the controller `best` ("": the report's choice), or of all controllers."""
+    out = options.out
+    source = source_of(best or last_run(out / "report")["numbers"]["choices"][copy.stem]["controller"], copy, out)
+    exported = export.Export(str(source), out / "export", setup=None if str(source).endswith(".npz") else str(copy))
     if options.all:
         exported = replace(exported, controller=str(copy), setup=None, all=True, folder=out)
     return replace(exported, episodes=QUICK_SCENARIOS, calls=QUICK_CALLS) if options.quick else exported
+
+
+def write_recommended(
+    copy: Path, options: ControllerOptions, page: report.ReportOptions, best: str, weight: float
+) -> str:
+    """Write `out`/recommended.json: a controller, and its results in the report's scenarios; return a sentence on them.
+
+    p95: 95 % of all objects are touched and stay at or below this value; null if fewer are touched.
+    """
+    (comparison,), source = report.comparisons_of(page), source_of(best, copy, options.out)
+    spec = next(each.controller for each in simplest_first(comparison) if each.name == best)
+    task = Task(**comparison.environment)
+    played = scenario_batch_of(comparison.scenarios, weight, task).play(controller_of(spec, weight, task))
+    velocity, missed = played.object_velocity, played.missed
+    measured = {"mean_velocity": velocity[~missed].mean() if not missed.all() else None}
+    for name, values in (("velocity", velocity), ("force", played.peak_force), ("time", played.approach_time)):
+        found = quantile(values, missed, 0.95).value
+        measured[f"p95_{name}"] = found if isfinite(found) else None
+    measured |= {"mean_time": played.approach_time.mean(), "missed": int(missed.sum())}
+    content = {
+        "controller": str(source.resolve() if isinstance(source, Path) else source),
+        "kind": "rule" if source in FIXED else next(iter(spec)).replace("tuned", "baseline"),
+        "time_weight": weight, "limits": options.given and options.given | {"share": options.share},
+        "measured": measured,
+    }  # fmt: skip
+    write_file(options.out / RECOMMENDED, json.dumps(content, indent=2) + "\n")
+    reached = options.reached(played)
+    above = any(each.low > options.given[name] for name, each in reached.items())
+    kept = words({name: f"{each:.3g}" for name, each in reached.items()})
+    return (f"Take the {comparison.labels[best]} at a time weight of {weight:.3g} m/s per s. {100 * options.share:g} % "
+            f"of {missed.size:,} objects keep {kept}; the mean time is {measured['mean_time']:.3f} s."
+            f"{' In these scenarios a limit is not kept.' * above}")  # fmt: skip
 
 
 def run(options: ControllerOptions) -> None:
@@ -108,19 +159,31 @@ def run(options: ControllerOptions) -> None:
     if options.time_weight is not None:
         low, high = setup.training.time_weight
         number("time_weight", options.time_weight, "m/s per s", at_least=low, at_most=high)
+    if options.max_slide is not None and not setup.task.friction:
+        raise ValueError(
+            f"max_slide, got {options.max_slide:g} m, needs environment.friction, which {setup.cli_name} lacks"
+        )
     copy = copy_setup(setup, options.out, options.quick)
-    for name, (work, stage) in stages(copy, options).items():
+    (options.out / RECOMMENDED).unlink(missing_ok=True)
+    each = stages(copy, options)
+    (_, tuning), *_, (_, page) = each.values()
+    best, weight = "", 0.0
+    for name, (work, stage) in each.items():
         usual = train.TrainOptions(str(copy), load_setup(copy).training) if name == "train" else None
+        if name == "report" and options.given:
+            best, weight = Search(page, options, tuning).soonest(options.out / "limits.svg")
         print(f"$ {command_of(name, stage, usual)}", flush=True)
         work(stage)
-    last = exporting(copy, options)
+    chosen = last_run(options.out / "report")["numbers"]["choices"][copy.stem]
+    last = exporting(copy, options, best)
     print(f"$ {command_of('export', last)}", flush=True)
     files = export.run(last)
+    found = write_recommended(copy, options, page, best or chosen["controller"], weight or chosen["time_weight"])
     print(f"report: {(options.out / 'report' / 'index.html').resolve().as_uri()}")
-    print(last_run(options.out / "report")["numbers"]["choices"][copy.stem]["sentence"])
+    print(found if options.given else chosen["sentence"])
     if not options.all:
         print("the other controllers are not exported: run the same command with --all to export them")
-    print(f"files: {', '.join(map(str, files))}")
+    print(f"files: {', '.join(map(str, [*files, options.out / RECOMMENDED]))}")
 
 
 if __name__ == "__main__":

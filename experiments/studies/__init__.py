@@ -12,6 +12,7 @@ QUESTIONS = {
     "teleop": "Which assistance helps if the operator's commands arrive late?",
     "sensors": "What does a range sensor that is sold bring?",
     "stock": "How good is a policy after 1, 3, 10 minutes of training with stable-baselines3?",
+    "own-arms": "Does what impact-gym controller says hold for arms that nobody chose?",
 }
 """The question of each study, by the study's name."""
 
@@ -20,4 +21,4 @@ def load(name: str) -> Study:
     """Return the study `name`, a key of QUESTIONS; ValueError: there is none."""
     if name not in QUESTIONS:
         raise ValueError(nearest("study", name, QUESTIONS))
-    return resolve_name(f"experiments.studies.{name}:STUDY")
+    return resolve_name(f"experiments.studies.{name.replace('-', '_')}:STUDY")
