@@ -14,6 +14,7 @@ import pickle
 import pkgutil
 import socket
 import sys
+import tempfile
 import threading
 import traceback
 import warnings
@@ -99,6 +100,7 @@ def cached(
     Raises:
         JobsFailedError: `failed` is None, and calls failed. The error is raised when all calls have ended.
         DiskFullError: the disk has no room for a result, or for a file that a call writes.
+        OSError: `folder` cannot be written; no call has started.
         RuntimeError: no Ray cluster answers at `cluster`, or Ray is not installed.
         TypeError, ValueError: other processes cannot import `function`, or an argument is wrong.
     """
@@ -143,6 +145,9 @@ def _answers(calls: Iterable[Call], folder: Path, keep_failures: bool, workers: 
             missing.append(call)
         else:
             yield call, pickled
+    if missing:  # a folder that cannot be written is an error before the calls, not after them
+        folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
     with closing(workers(missing)) as answers:
         for call, pickled in answers:
             if isinstance(answer := pickle.loads(pickled), DiskFullError):

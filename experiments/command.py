@@ -1,6 +1,5 @@
 """The command `impact-gym NAME`: runs a module if the packages that the module needs are installed."""
 
-import os
 import platform
 import re
 import runpy
@@ -9,6 +8,7 @@ from collections.abc import Mapping
 from importlib.metadata import Distribution, requires, version
 from typing import NamedTuple
 
+from impact_gym.support.command_line import until_reader_ends
 from impact_gym.support.validation import nearest
 
 
@@ -19,8 +19,6 @@ class Command(NamedTuple):
     extras: tuple[str, ...]
     help: str
 
-
-READER_ENDED = 141  # exit code of a program that SIGPIPE ended, 128 + 13
 
 COMMANDS: Mapping[str, Mapping[str, Command]] = {
     "for your own arm and tool": {
@@ -83,15 +81,9 @@ def run() -> None:
 
 
 def main() -> None:
-    """Call `run`, and end without a message if the reader of standard output, such as `head`, has ended."""
-    try:
-        try:
-            run()
-        finally:
-            sys.stdout.flush()
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what Python writes when it ends
-        sys.exit(READER_ENDED)
+    """Call `run`, and end without a message if the reader of standard output has ended."""
+    with until_reader_ends():
+        run()
 
 
 if __name__ == "__main__":

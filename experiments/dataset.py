@@ -34,7 +34,7 @@ from impact_gym.support.command_line import run_command
 from impact_gym.support.files import UNFINISHED, parsed, reason, remove_unfinished, write_file
 from impact_gym.support.provenance import revision
 from impact_gym.support.sources import compiled_from
-from impact_gym.support.validation import distinct, one_of, shown, whole
+from impact_gym.support.validation import distinct, shown, whole
 from impact_gym.teleop.channels import without_files
 
 PLAYERS = {"rule": "the paper's rule", "profile": "the set-up's first baseline", "policy": "the set-up's policy"}
@@ -229,7 +229,8 @@ def check(name: str) -> int:
         raise ValueError(f"there is no dataset {name!r:.80} in {get_dataset_path()}, which has: {known}")
     folder = get_dataset_path(name) / "data"
     about = parsed(folder / "metadata.json", "JSON", json.loads)
-    one_of(f"the metadata of {name}", about, dict)
+    if not isinstance(about, dict):
+        raise ValueError(f"the metadata of {name} must be an object, got {shown(about)}")
     packages = listed if isinstance(listed := about.get("requirements"), list) else ["?"]
     made = f"the dataset was made with {', '.join(map(str, packages))}, solver {about.get('solver', '?')}"
     other = f"{made}; installed are impact-gym {version('impact-gym')}, solver {compiled_from()}"

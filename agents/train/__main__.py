@@ -12,7 +12,7 @@ from agents.setups import Training, load_setup
 from agents.train.ppo import Run, resume, train
 from agents.train.seeds import train_seeds
 from impact_gym.parameters import SI, Index, Options
-from impact_gym.support.command_line import command_line, read_command
+from impact_gym.support.command_line import command_line, read_command, until_reader_ends
 
 
 @dataclass(frozen=True)
@@ -74,5 +74,6 @@ def run(options: TrainOptions) -> Path:
 
 
 if __name__ == "__main__":
-    with command_line("train", "with --seeds, the same command continues; without, use --resume with the run folder"):
+    after = "with --seeds, the same command continues; without, use --resume with the run folder"
+    with until_reader_ends(), command_line("train", after):
         print(run(read_options(sys.argv[1:])))

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from impact_gym.robot.bodies import Body
 from impact_gym.robot.line_table import Array
-from impact_gym.support.validation import number, unit_text
+from impact_gym.support.validation import number, shown, unit_text
 
 UNITS = {"revolute": "rad", "continuous": "rad", "prismatic": "m"}
 """Types of movable joints that an arm may have, and the unit of each type's position."""
@@ -48,7 +48,9 @@ def read(content: bytes, base: str, tip: str, remarks: list[str]) -> tuple[list[
     chain = {joint.name for joint in way if joint.kind != "fixed"}
     if not 2 <= len(chain) <= MOST_JOINTS:
         wanted = "two joints or more" if len(chain) < 2 else f"at most {MOST_JOINTS} joints"
-        raise ValueError(f"an arm must have {wanted}, but between {base!r} and {tip!r} there are {len(chain)}")
+        raise ValueError(
+            f"an arm must have {wanted}, but between {shown(base)} and {shown(tip)} there are {len(chain)}"
+        )
     bodies, fixed = list[Body](), (None, np.eye(4))
     poses: dict[str, tuple[Body | None, Array]] = {base: fixed}  # for each link: its body, and its pose in this body
     for joint in joints:
@@ -75,17 +77,17 @@ def read(content: bytes, base: str, tip: str, remarks: list[str]) -> tuple[list[
 def _way(links: Collection[str], joints: Sequence[Joint], base: str, tip: str) -> list[Joint]:
     for name in (base, tip):
         if name not in links:
-            raise ValueError(f"no link {name!r}, there are {sorted(links)}")
+            raise ValueError(f"no link {shown(name)}, there are {sorted(links)}")
     above = {joint.child: joint for joint in joints}
     way, link = list[Joint](), tip
     while link != base:
         if link not in above:
-            raise ValueError(f"the tip {tip!r} is not below the base {base!r}")
+            raise ValueError(f"the tip {shown(tip)} is not below the base {shown(base)}")
         way.insert(0, above[link])
         link = above[link].parent
     while link in above:
         if (joint := above[link]).kind in ("floating", "planar"):
-            raise ValueError(f"the base {base!r} is not fixed: joint {joint.name!r} above it is {joint.kind}")
+            raise ValueError(f"the base {shown(base)} is not fixed: joint {joint.name!r} above it is {joint.kind}")
         link = joint.parent
     return way
 
@@ -114,7 +116,7 @@ def _named(robot: Element, kind: str) -> dict[str, Element]:
     for each in robot.findall(kind):
         name = each.get("name", "")
         if not name or name in named:
-            raise ValueError(f"two {kind}s are called {name!r}" if name else f"a {kind} has no name")
+            raise ValueError(f"two {kind}s are called {shown(name)}" if name else f"a {kind} has no name")
         named[name] = each
     return named
 
@@ -122,7 +124,7 @@ def _named(robot: Element, kind: str) -> dict[str, Element]:
 def _only(parent: Element, tag: str, name: str) -> Element | None:
     """Return the only child of `parent` with this tag, or None; `name` is the parent's name in messages."""
     if len(found := parent.findall(tag)) > 1:
-        raise ValueError(f"{parent.tag} {name!r} has {len(found)} elements <{tag}>, allowed is one")
+        raise ValueError(f"{parent.tag} {shown(name)} has {len(found)} elements <{tag}>, allowed is one")
     return found[0] if found else None
 
 
@@ -134,16 +136,16 @@ def _downwards(links: Collection[str], elements: Mapping[str, Element]) -> list[
         parent, child = ("" if end is None else end.get("link", "") for end in ends)
         for side, link in (("parent", parent), ("child", child)):
             if link not in links:
-                raise ValueError(f"joint {name!r} has the {side} {link!r}, which is no link")
+                raise ValueError(f"joint {shown(name)} has the {side} {shown(link)}, which is no link")
         if child in above:
-            raise ValueError(f"link {child!r} is the child of two joints: loops are not allowed")
+            raise ValueError(f"link {shown(child)} is the child of two joints: loops are not allowed")
         mimic = element.find("mimic")
         mimics = None if mimic is None else mimic.get("joint", "")
         above[child] = Joint(name, element.get("type", ""), parent, child, mimics, element)
     try:
         order = [*TopologicalSorter({link: [joint.parent] for link, joint in above.items()}).static_order()]
     except CycleError as loop:
-        raise ValueError(f"link {loop.args[1][0]!r} is below itself: loops are not allowed") from None
+        raise ValueError(f"link {shown(loop.args[1][0])} is below itself: loops are not allowed") from None
     return [above[link] for link in order if link in above]
 
 
@@ -156,11 +158,13 @@ def _numbers(what: str, of: Element | None, key: str, unit: str, missing: str, m
         values = []
     if len(values) != (count := len(missing.split())):
         wanted = "a number" if count == 1 else f"{count} numbers"
-        raise ValueError(f"{what} must be {wanted} in {unit_text(unit)}, got {text!r}")
+        raise ValueError(f"{what} must be {wanted} in {unit_text(unit)}, got {shown(text)}")
     for value in values:
         if abs(number(what, value, unit)) > most:
             doubt = ": is the file in mm?" if unit == "m" else ""
-            raise ValueError(f"{what} must be between -{most:g} and {most:g} {unit_text(unit)}, got {text!r}{doubt}")
+            raise ValueError(
+                f"{what} must be between -{most:g} and {most:g} {unit_text(unit)}, got {shown(text)}{doubt}"
+            )
     return tuple(values)
 
 
@@ -168,7 +172,7 @@ def _pose(name: str, of: Element) -> Array:
     """Return the pose of a joint or of an inertial frame, a homogeneous matrix (4, 4)."""
     origin, pose = _only(of, "origin", name), np.eye(4)
     if unknown := [] if origin is None else sorted({*origin.keys()} - {"xyz", "rpy"}):
-        raise ValueError(f"origin of {name} has {', '.join(unknown)}, allowed are xyz and rpy")
+        raise ValueError(f"origin of {name} has {shown(unknown)}, allowed are xyz and rpy")
     turn = _numbers(f"rpy of {name}", origin, "rpy", "rad", "0 0 0", MOST_TURN)
     pose[:3, :3] = Rotation.from_euler("xyz", turn).as_matrix()
     pose[:3, 3] = _numbers(f"xyz of {name}", origin, "xyz", "m", "0 0 0", FARTHEST)
@@ -178,16 +182,18 @@ def _pose(name: str, of: Element) -> Array:
 def _limits(joint: Joint, remarks: list[str]) -> tuple[str, float, float]:
     name, unit = joint.name, UNITS[joint.kind]
     if joint.mimics is not None:
-        raise ValueError(f"joint {name!r} mimics another joint, which is not allowed between base and tip")
+        raise ValueError(f"joint {shown(name)} mimics another joint, which is not allowed between base and tip")
     if joint.kind == "continuous":
         return unit, -np.inf, np.inf
     if (limit := _only(joint.element, "limit", name)) is None:
-        raise ValueError(f"joint {name!r} must have limits, in {unit}")
+        raise ValueError(f"joint {shown(name)} must have limits, in {unit}")
     low, high = (_numbers(f"{side} limit of {name}", limit, side, unit, "0", np.inf)[0] for side in ("lower", "upper"))
     if not low < high:
-        raise ValueError(f"joint {name!r} has limits of {low:g} and {high:g} {unit}: the lower must be below the upper")
+        raise ValueError(
+            f"joint {shown(name)} has limits of {low:g} and {high:g} {unit}: the lower must be below the upper"
+        )
     if max(-low, high) > {"rad": MOST_TURN, "m": FARTHEST}[unit]:
-        remarks.append(f"joint {name!r} has limits of {low:g} and {high:g} {unit}: are they in other units?")
+        remarks.append(f"joint {shown(name)} has limits of {low:g} and {high:g} {unit}: are they in other units?")
     return unit, low, high
 
 
@@ -218,7 +224,7 @@ def _inertia(link: Element, remarks: list[str]) -> Array:
             tensor[i, j] = tensor[j, i] = values[0]
     if mass == 0.0:
         if tensor.any():
-            remarks.append(f"link {name!r} has inertia but no mass: its inertia is left out")
+            remarks.append(f"link {shown(name)} has inertia but no mass: its inertia is left out")
         return np.zeros((4, 4))
     own, pose = np.zeros((4, 4)), _pose(name, inertial)
     own[:3, :3], own[3, 3] = np.trace(tensor) / 2 * np.eye(3) - tensor, mass

@@ -2,6 +2,7 @@
 
 import io
 import multiprocessing
+import os
 import shlex
 import sys
 import threading
@@ -19,14 +20,28 @@ if TYPE_CHECKING:
 Options = TypeVar("Options")
 LINE_EVERY = 30.0  # s, shortest time between two lines of progress in a log
 FORM = "{desc}: {n_fmt} of {total_fmt} after {elapsed}, {remaining} left"
+READER_ENDED = 141  # exit code of a program that SIGPIPE ended, 128 + 13
 
 
 def run_command(
     name: str, options: type[Options], work: Callable[[Options], object], after: str = "the same command continues"
 ) -> None:
     """Read the command line of `impact-gym NAME` into the dataclass `options`, and call `work` with it."""
-    with command_line(name, after):
+    with until_reader_ends(), command_line(name, after):
         work(read_command(name, options))
+
+
+@contextmanager
+def until_reader_ends() -> Iterator[None]:
+    """Exit without a message if the reader of standard output, such as `head`, has ended."""
+    try:
+        try:
+            yield
+        finally:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what Python writes when it ends
+        sys.exit(READER_ENDED)
 
 
 def read_command(
@@ -59,7 +74,7 @@ def command_line(name: str, after: str = "the same command continues") -> Iterat
             yield
     except DiskFullError as error:
         sys.exit(f"impact-gym {name}: {error}; make room: {after}")
-    except BrokenPipeError:  # the reader of standard output has ended, see `experiments.command`
+    except BrokenPipeError:  # the reader of standard output has ended, see `until_reader_ends`
         raise
     except (OSError, RuntimeError, ValueError) as error:
         sys.exit(f"impact-gym {name}: {error}")

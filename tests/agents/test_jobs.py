@@ -90,6 +90,13 @@ def test_failed_late_and_killed_calls_are_named_and_stored(log, tmp_path):
     assert cached(numbers, without_folder, tmp_path, processes=0)[0]["number"] == 0
 
 
+def test_folder_that_cannot_be_written_starts_no_call(log, tmp_path):
+    log.touch()
+    with pytest.raises(OSError, match=re.escape(f"{log}")):
+        cached(numbers, listed(log, 1), log / "results", processes=0)
+    assert not calls(log)
+
+
 @pytest.mark.slow
 def test_ray_results_equal_local_ones_to_the_bit(log, tmp_path):
     """Ray prints much, and its warnings would fail the test: a script runs the calls, and stores their results."""

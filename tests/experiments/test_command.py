@@ -25,7 +25,7 @@ from experiments.controller import copy_setup
 from experiments.lab.study import last_run
 from experiments.studies import QUESTIONS
 from experiments.studies.__main__ import StudyCommand
-from impact_gym.support.command_line import command_line, command_of, read_command
+from impact_gym.support.command_line import READER_ENDED, command_line, command_of, read_command
 
 pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning:runpy")  # of a module that was imported before it runs
 
@@ -64,14 +64,17 @@ def test_commands_are_listed_for_no_or_an_unknown_name(exit_of, capsys):
     assert {f"impact-gym {version('impact-gym')}", f"numpy {np.__version__}"} <= {*capsys.readouterr().out.splitlines()}
 
 
-@pytest.mark.parametrize("words", ["--help", "check --help", "check linear-blind", "policies"])
+@pytest.mark.parametrize("words", [
+    *(f"experiments.command {words}" for words in ("--help", "check --help", "check linear-blind", "policies")),
+    "experiments.report --help", "agents.train --help",
+])  # fmt: skip
 def test_command_ends_quietly_with_its_reader(words):
     reader, writer = os.pipe()
     os.close(reader)
-    line = [sys.executable, "-m", "experiments.command", *words.split()]
+    line = [sys.executable, "-m", *words.split()]
     with os.fdopen(writer, "wb") as closed:
         ended = subprocess.run(line, stdout=closed, stderr=subprocess.PIPE, cwd=Path(__file__).parents[2], check=False)
-    assert (ended.returncode, ended.stderr) == (command.READER_ENDED, b"")
+    assert (ended.returncode, ended.stderr) == (READER_ENDED, b"")
 
 
 def test_study_lists_studies_and_refuses_unknown_names(exit_of, capsys, tmp_path, monkeypatch):

@@ -146,6 +146,8 @@ def test_check_refuses_a_spoiled_dataset_in_one_line(rule, words):
         SPOILED[words](about, data)
     (rule / "metadata.json").write_text(json.dumps(about))
     refused(lambda: dataset.check(NAME), NAME, words)
+    (rule / "metadata.json").write_text("[]")
+    refused(lambda: dataset.check(NAME), NAME, "must be an object, got []")
 
 
 @pytest.mark.parametrize("field", HOSTILE)
