@@ -2,7 +2,7 @@
 
 import math
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import lru_cache
 from typing import Any
 
@@ -39,12 +39,14 @@ def indices(kind: np.dtype[Any], before: int = 0) -> dict[str, int]:
     return by_name
 
 
-RUN_PLAN_NUMBERS = {name.removeprefix("mount."): 0 for name in indices(kernels.RUN_PLAN)}
-MOUNT_NUMBERS = dict.fromkeys(indices(kernels.MOUNT), 0)
+MOUNT_NUMBERS, RUN_PLAN_NUMBERS = (  # 0.0 for a float, because `struct` packs it faster than 0
+    dict(zip((name.removeprefix("mount.") for name in indices(record)), code.unpack(bytes(code.size)), strict=True))
+    for record, code in ((kernels.MOUNT, _MOUNT), (kernels.RUN_PLAN, _RUN_PLAN))
+)
 """Zeros for the numbers of a compiled record, by dotted path, in the order of the record."""
 
 
-def filled(record: dict[str, int], given: dict[str, Any]) -> tuple[Any, ...]:
+def filled(record: dict[str, float], given: dict[str, Any]) -> Iterable[Any]:
     """Return the numbers of a compiled record in its order, 0 for those not given; ValueError: one is not in it."""
     numbers: dict[str, Any] = record | given
     if len(numbers) > len(record):
@@ -52,7 +54,7 @@ def filled(record: dict[str, int], given: dict[str, Any]) -> tuple[Any, ...]:
         raise ValueError(
             f"the compiled program has no number {unknown!r}: add a row with this id to impact_gym/quantities.py"
         )
-    return tuple(numbers.values())
+    return numbers.values()
 
 
 def reader(record: np.dtype[Any], names: tuple[str, ...]) -> struct.Struct:
@@ -138,8 +140,7 @@ def _mount(tool_mass: Any, coupling: Coupling, robot: Robot | RobotTable | None)
     """Return the numbers of a MOUNT, and the robot's table (n,)."""
     kind, numbers = coupling.kernel()
     given = {"coupling_kind": kind, "robot_kind": kernels.RIGID_ROBOT, "tool_mass": tool_mass}
-    for name, value in numbers.items():
-        given["coupling." + name] = value
+    given |= {f"coupling.{name}": value for name, value in numbers.items()}
     if robot is None:
         return given, NO_TABLE
     if isinstance(robot, Robot):

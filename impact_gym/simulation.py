@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from impact_gym.couplings import warn_of_stroke
+from impact_gym.couplings import Bistable, warn_of_stroke
 from impact_gym.kernels import CHAIN, CONTACT, TRACE, approach_rows
 from impact_gym.motion import Motion, Trapezoid
 from impact_gym.outcome import Array, ContactRecord, Outcome, Outcomes, Trace
@@ -62,8 +62,9 @@ def simulate(
     rtol = QUANTITIES["rtol"].check(rtol)
     warn_of_stroke(scene.coupling, scene.tool.mass, motion.acceleration)
     approach, table = pack_approach(scene, motion, duration)
-    chain, contacts, snaps = bytearray(CHAIN.itemsize), np.empty((_CONTACT_ROWS, len(CONTACT))), np.empty(_SNAP_ROWS)
+    chain, contacts = bytearray(_END.size), np.empty((_CONTACT_ROWS, len(CONTACT)))
     points = np.empty(_TRACE_ROWS, TRACE) if trace else _NO_TRACE
+    snaps = np.empty(_SNAP_ROWS) if isinstance(scene.coupling, Bistable) else _NO_SNAPS
     while True:
         recorder = contacts, points, snaps, max(1e-3, duration / 1e5)
         approach_rows(approach, table, chain, 0, 1, LOCAL_SHARE * rtol, MAX_STEPS, recorder)
@@ -76,13 +77,14 @@ def simulate(
     rows = contacts[: end.logged].tolist()
     if rows and math.isnan(rows[-1][1]):
         rows[-1][1] = None  # an unfinished contact
+    slide, rest_time = (end.slide, end.rest_time) if scene.object.friction else (None, None)
     return Outcome(
         end.final_object_velocity,
         end.final_tool_velocity,
         end.final_flange_velocity,
         end.peak_force,
         end.detection if end.detection < math.inf else None,
-        tuple(map(ContactRecord._make, rows)),
+        tuple([ContactRecord._make(row) for row in rows]),
         end.coupling_impulse,
         end.momentum_error,
         end.steps,
@@ -90,7 +92,8 @@ def simulate(
         Trace.of(points[: end.traced]) if trace else None,
         tuple(snaps[: end.snaps].tolist()) if end.snaps else (),
         end.peak_object_velocity,
-        *((end.slide, end.rest_time) if scene.object.friction else (None, None)),
+        slide,
+        rest_time,
     )
 
 

@@ -33,8 +33,10 @@ cpdef double exact_damping(double restitution) noexcept nogil:
     d solves ln((1 + d) / (1 - d e)) = d (1 + e). With S = `shortfall` this is (1 - e)(1 + e) = d (S(d) + e^3 S(-d e)).
     This form has no cancellation as e -> 1. For e <= 0.6, 1 - d e = exp(ln(1 + d) - d (1 + e)) is solved instead.
     """
-    cdef double rest, following, e = restitution, d = 1.5 * (1.0 - e) if e > 0.6 else 1.0 / e
-    for _ in range(200):
+    cdef double rest, following, e = restitution, d = 1.5 * (1.0 - e) if e > 0.6 else 1.0 / e, kept = 0.0
+    cdef int step = 0, kept_at = 0
+    while step < 200:
+        step += 1
         if e > 0.6:  # then d < 1.1
             following = (1.0 - e) * (1.0 + e) / (shortfall(d) + e * e * e * shortfall(-d * e))
         else:
@@ -43,6 +45,10 @@ cpdef double exact_damping(double restitution) noexcept nogil:
         if fabs(following - d) <= 1e-16 * d:
             break
         d = following
+        if d == kept:  # rounding makes d cycle among neighbouring numbers: leave out whole cycles of the 200 steps
+            step = 200 - (200 - step) % (step - kept_at)
+        elif step & (step - 1) == 0:  # a power of 2 (Brent's search for cycles)
+            kept, kept_at = d, step
     return d
 
 
