@@ -5,14 +5,14 @@ WHOLE := $(VENV)/installed
 SMALL := $(VENV)/installed-for-report
 CORE := $(VENV)/installed-for-core
 PLAYED := $(VENV)/installed-for-play
-EXTRAS := train report play data identify robot render zoo objectives cluster docs test dev
+EXTRAS := train report play data robot render zoo objectives cluster docs test dev
 PINS := -c constraints.txt  # PINS= takes the newest version of each package
 SETUPS_OF_RESULTS := linear-blind linear-ranged bistable-blind paper-limits linear-sensed linear-robust ranged-robust \
 	linear-wide teleop-rigid teleop-spring teleop-bistable teleop-hurried
 PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal
 
 .DEFAULT_GOAL := help
-.PHONY: help report results play test core setup lint docs coverage mutants publish
+.PHONY: help report results play test core setup lint docs coverage mutants
 
 help:  ## list what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-9s %s\n", $$1, $$2}'
@@ -22,8 +22,8 @@ SOLVER := pyproject.toml constraints.txt setup.py $(wildcard impact_gym/*.pyx im
 
 PIP = $(BIN)/pip install --quiet --no-compile --disable-pip-version-check $(PINS)
 COMPILE := --no-build-isolation --no-deps -e .  # when it fails, again and with what the compiler says
-WANTED := import sys, tomllib; project = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
-	lists = map(project["optional-dependencies"].get, sys.argv[1:]); \
+WANTED := import sys, tomllib; read = tomllib.load(open("pyproject.toml", "rb")); project = read["project"]; \
+	lists = map((project["optional-dependencies"] | read["dependency-groups"]).get, sys.argv[1:]); \
 	print(*project["dependencies"], *sum(lists, []), sep="\n")
 
 define install
@@ -76,9 +76,6 @@ coverage: setup  ## run the tests and list the lines that none of them runs in i
 
 mutants: setup  ## edit a PART of the code, one place at a time, and list the edits that TESTS do not notice
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.mutants $(if $(PART),--part $(PART)) $(if $(TESTS),--tests "$(TESTS)") $(if $(SEED),--seed $(SEED))
-
-publish: setup  ## keep the site of VERSION=dev, or VERSION="0.1 latest", beside the others on the branch gh-pages
-	DOCS_VERSIONS=mike NO_MKDOCS_2_WARNING=1 PATH=$(BIN):$$PATH $(BIN)/mike deploy --update-aliases $(VERSION)
 
 $(WHOLE): $(SOLVER)
 	$(call install,$(EXTRAS),everything; torch is large: this can take minutes)

@@ -81,7 +81,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     try:
         if find_spec("tomli_w") is None:
-            raise ImportError("writing a set-up needs tomli-w: pip install 'impact-gym[identify]'")
+            raise ImportError("writing a set-up needs tomli-w: pip install tomli-w")
         content = parsed(options.scene, "TOML", tomllib.loads)
         scene, motions, sensors = parse(content, options.free, len(options.logs))
         logs = [read(name, name) for name in options.logs]
@@ -146,7 +146,7 @@ def _record(name: str, table: Any, kind: type[Any], **inner: type[Any]) -> Any:
 
 def set_up(content: Mapping[str, Any], result: Identified, said: str) -> Iterator[str]:
     """Yield the lines of the set-up: `said` as comments, then the file's tables, with bounded intervals as ranges."""
-    import tomli_w  # installed with the extras `identify` and `train`
+    import tomli_w  # installed with the extra `train`
 
     yield from (f"# {line}" for line in said.splitlines())
     written = deepcopy({name: table for name, table in content.items() if name not in ("motion", "sensor")})

@@ -79,7 +79,7 @@ def command_line(name: str, after: str = "the same command continues") -> Iterat
     except (OSError, RuntimeError, ValueError) as error:
         sys.exit(f"impact-gym {name}: {error}")
     except ModuleNotFoundError as error:
-        sys.exit(f"impact-gym {name}: {error}: run make setup, or pip install 'impact-gym[train,report,zoo]'")
+        sys.exit(f"impact-gym {name}: {error}: run make setup, or pip install 'impact-gym[all]'")
     except KeyboardInterrupt:
         print(f"impact-gym {name}: interrupted; {after}", file=sys.stderr)
         sys.exit(130)

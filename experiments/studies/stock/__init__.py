@@ -17,12 +17,14 @@ import numpy as np
 import polars as pl
 
 from agents.evaluate.play import controller_of
-from agents.evaluate.scenario_batch import ScenarioBatch
+from agents.evaluate.scenario_batch import Episodes, ScenarioBatch
 from agents.policies import load_policy
 from agents.setups import load_setup
 from experiments.lab.parts import Section, Table
 from experiments.lab.study import Cell, Findings, Frames, Measurement, Row, Study
 from experiments.studies import QUESTIONS
+from impact_gym.envs import IDS
+from impact_gym.task import Task
 
 ALGORITHMS = {
     "ppo": "stable_baselines3:PPO", "sac": "stable_baselines3:SAC", "td3": "stable_baselines3:TD3",
@@ -36,6 +38,7 @@ SETUPS = {  # set-ups with the arguments of these ids
 }  # fmt: skip
 MARKS = (10, 30, 60, 120, 180)  # s of processor time, without the time of the evaluations
 COMPARED = ("paper's rule", "tuned profile", "shipped policy")
+PLAYED = SETUPS | {"teleop-spring": "ImpactTeleop-v0"}  # also played by controllers that nothing here trains
 FIRST_SEED, SCENARIOS, WEIGHT = 41_000_000, 500, 2.0  # test scenarios: first seed, number, time weight (m/s per s)
 
 
@@ -51,10 +54,14 @@ def trainings(algorithm: str, quick: bool, _: Frames) -> Iterable[Cell]:
             yield Cell(labels, labels | {"settings": settings})
 
 
+def played(controller: Any, task: Task) -> Episodes:
+    """Return the episodes of the test scenarios of a task."""
+    return ScenarioBatch(FIRST_SEED, SCENARIOS, task, time_weight=[WEIGHT], threads=1).play(controller)
+
+
 def cost_of(controller: Any, setup: str) -> float:
     """Return the mean cost in the test scenarios of a set-up, with the charge for missed objects, m/s."""
-    scenarios = ScenarioBatch(FIRST_SEED, SCENARIOS, load_setup(setup).task, time_weight=[WEIGHT], threads=1)
-    return float(scenarios.play(controller).loss(WEIGHT).mean())
+    return float(played(controller, load_setup(setup).task).loss(WEIGHT).mean())
 
 
 def trained(algorithm: str, setup: str, seed: int, settings: dict[str, Any]) -> list[Row]:
@@ -93,11 +100,20 @@ def trained(algorithm: str, setup: str, seed: int, settings: dict[str, Any]) -> 
     return rows
 
 
-def other_costs(setup: str) -> list[Row]:
-    """Return the costs of the paper's rule, the tuned profile and the shipped policy in a set-up."""
-    about = load_setup(setup)
-    rules = (controller_of({"baseline": name}, WEIGHT, about.task) for name in ("paper-trapezoid", about.against[0]))
-    return [{name: cost_of(each, setup) for name, each in zip(COMPARED, (*rules, load_policy(setup)), strict=True)}]
+def scores(setup: str) -> list[Row]:
+    """Return the mean return (m/s) and the share of missed objects of four controllers in the environment of an id.
+
+    In teleoperation the operator alone stands for the paper's rule, which steers no arm.
+    """
+    task, tuned = Task(**IDS[PLAYED[setup]]), load_setup(setup).against[0]
+    names = ("random", "operator-alone" if task.operator else "paper-trapezoid", tuned)
+    rules = (controller_of({"baseline": name}, WEIGHT, task) for name in names)
+    rows = []
+    for name, controller in zip(("random", *COMPARED), (*rules, load_policy(setup)), strict=True):
+        episodes = played(controller, task)
+        mean = -float(episodes.loss(WEIGHT).mean())
+        rows.append({"controller": name, "return": mean, "missed": float(episodes.missed.mean())})
+    return rows
 
 
 def analyse(frames: Frames, _: bool) -> Findings:
@@ -111,7 +127,9 @@ def analyse(frames: Frames, _: bool) -> Findings:
         for row in found.to_dicts() if row["count"] == ends[row["setup"], row["algorithm"]]["count"]
     }  # fmt: skip
     first = {name: end for (setup, name), end in ends.items() if setup == FIRST}
-    marks, compared = [*(f"{mark} s" for mark in MARKS), "end"], frames["others"].rows_by_key("setup", unique=True)
+    marks = [*(f"{mark} s" for mark in MARKS), "end"]
+    score = {(row["setup"], row["controller"]): row for row in frames["scores"].to_dicts()}
+    compared = {setup: [-score[setup, name]["return"] for name in COMPARED] for setup in SETUPS}
     caption = (f"Cost V_p + {WEIGHT:g} T in {SETUPS[FIRST]} over the processor time of the training: median [least, "
                "largest] of the trainings; -: some had ended before")  # fmt: skip
     costs = Table.joined(caption, [
@@ -124,16 +142,27 @@ def analyse(frames: Frames, _: bool) -> Findings:
         | {f"{name} (m/s)": f"{cost:.3f}" for name, cost in zip(COMPARED, values, strict=True)}
         for setup, values in compared.items()
     ], "stock-others")  # fmt: skip
+
+    def shown(name: str, setup: str) -> str:
+        if name in ("ppo", "sac"):
+            return f"{-ends[setup, name]['median']:.3f}" if setup in SETUPS else "-"
+        return "{return:.3f}, {missed:.1%}".format(**score[setup, name]).replace("%", " %")
+
+    columns = {name: LABELS.get(name, name) for name in ("random", *COMPARED[:2], "ppo", "sac", COMPARED[2])}
+    caption = (f"Mean return (m/s) at a time weight of {WEIGHT:g} m/s per s, and missed objects; PPO and SAC: median "
+               "of the trainings")  # fmt: skip
+    scored = Table.joined(caption, [
+        {"environment": environment} | {head: shown(name, setup) for name, head in columns.items()}
+        for setup, environment in PLAYED.items()
+    ], "stock-scores")  # fmt: skip
     best = min(first, key=lambda name: first[name]["median"])
     beside = ", ".join(f"{name}: {cost:.3f} m/s" for name, cost in zip(COMPARED, compared[FIRST], strict=True))
     answer = (f"{LABELS[best]} has the lowest median cost at the end of the training, {first[best]['median']:.3f} m/s; "
               f"{beside}.")  # fmt: skip
-    return Findings(answer, [Section("Trainings", [costs]), Section("All environments", [others])])
+    return Findings(answer, [Section("Trainings", [costs]), Section("All environments", [others, scored])])
 
 
 DEPENDS = ("impact_gym", "agents.evaluate", "agents.baselines", "agents.policies", "agents.setups", "agents.tuned")
-OTHERS = Measurement(
-    "others", lambda *_: [Cell({"setup": name}, {"setup": name}) for name in SETUPS], other_costs, DEPENDS
-)
+SCORES = Measurement("scores", lambda *_: [Cell({"setup": name}, {"setup": name}) for name in PLAYED], scores, DEPENDS)
 TRAININGS = [Measurement(each, partial(trainings, each), trained, DEPENDS) for each in ALGORITHMS]
-STUDY = Study("stock", QUESTIONS["stock"], [*TRAININGS, OTHERS], analyse, ("torch", "stable-baselines3", "sb3-contrib"))
+STUDY = Study("stock", QUESTIONS["stock"], [*TRAININGS, SCORES], analyse, ("torch", "stable-baselines3", "sb3-contrib"))
