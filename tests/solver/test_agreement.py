@@ -1,7 +1,7 @@
-"""Random and hard approaches, by our solver and by two solvers that share no code with it.
+"""Random and hard approaches, by our solver and by experiments/reference, which shares no code with it.
 
-One is experiments/reference, with SciPy's integrators; tests/helpers/reference_table.py says how its table is made. The
-other is heyoka's Taylor series of order 20 and more, see experiments/studies/solvers/taylor.py.
+tests/helpers/reference_table.py says how the table is made. tests/experiments/test_stability.py has the comparison with
+heyoka's Taylor series.
 """
 
 from dataclasses import replace
@@ -9,11 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from reference_table import GROUND, table
-from solver_scenes import LINEAR, MOTION, scene
 
 import impact_gym as ig
-from experiments.studies.solvers.approaches import Solution
-from experiments.studies.solvers.taylor import TaylorApproach
 
 RTOLS = 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-13
 RIGID_ROBOT = "imposed", "clamped"  # families with a flight in closed form, where rtol bounds all errors
@@ -99,18 +96,6 @@ def test_every_number_agrees_with_the_independent_solver(family):
         stopped += run.outcome.stop_hits > 0
     assert slid >= len(table()[family]) // 8 or "friction" not in family
     assert stopped >= len(table()[family]) // 8 or "stroke" not in family
-
-
-@pytest.mark.parametrize("coupling", [ig.Rigid(), ig.SpringDamper(150.0, 0.4), LINEAR, ig.Bistable()], ids=str)
-def test_every_number_agrees_with_a_taylor_series(coupling):
-    pytest.importorskip("heyoka")
-    for e in (1.0, 0.8, 0.5):
-        chain = scene(1e5, e, coupling)
-        ours = Solution.of(ig.simulate(chain, MOTION, 1.0, rtol=1e-13), 1.0)
-        series = TaylorApproach(chain, MOTION, 1.0, 1e-16).solve()
-        assert (ours.contacts, ours.passes) == (series.contacts, series.passes)
-        for name in ("velocity", "peak_force", "contact_duration", "detection_time"):
-            assert getattr(ours, name) == pytest.approx(getattr(series, name), rel=1e-13)
 
 
 ALL = [pytest.param(name, slice(None), marks=pytest.mark.slow, id=f"all of {name}") for name in table()]
