@@ -48,9 +48,8 @@ def source(tmp_path, monkeypatch):
 @pytest.fixture
 def made(source, tmp_path, monkeypatch):
     """A function that writes a report without playing: folder and digest of the episodes; None if it is up to date."""
-    asked, usual = [], replace(played().comparison, scenarios={"set": "test", "count": 9})
-    own = Contestant("mine:rule", {"object": "mine:rule"}, (2.0,), "")
-    usual = replace(usual, baselines=(*usual.baselines, own))
+    asked, usual, own = [], played().comparison, Contestant("mine:rule", {"object": "mine:rule"}, (2.0,), "")
+    usual = replace(usual, scenarios={"set": "test", "count": 9}, baselines=(*usual.baselines, own))
 
     def cached(_, arguments, folder, *, depends, **__):
         refused(lambda: locked(tmp_path / "out" / study.LOCK_FILE, wait=False).__enter__(), "is being written")
@@ -58,16 +57,13 @@ def made(source, tmp_path, monkeypatch):
         asked.append((folder, depends))
         return [[{"episode": 0}]] * len(arguments)
 
-    def analyse(*_):
-        return study.Findings("", [Section("Nothing", [])])
-
     def made(changes=None, own=False, **options):
         asked.clear()
         what = report.study_of([replace(usual, **(changes or {}))], own)
         study.run(what, study.StudyOptions(tmp_path / "out", **options), "")
         return asked[0] if asked else None
 
-    monkeypatch.setattr(page, "analyse", analyse)
+    monkeypatch.setattr(page, "analyse", lambda *_: study.Findings("", [Section("Nothing", [])]))
     monkeypatch.setattr(study, "cached", cached)
     return made
 
