@@ -58,7 +58,7 @@ test: setup  ## run the tests; OPTIONS="-m slow" runs the slow ones
 	$(PYTEST) $(OPTIONS)
 
 core: $(CORE)  ## run the tests that need no extra, and install only what they need
-	$(PYTEST) tests/physics tests/task tests/robot tests/test_paper.py tests/test_simulation.py $(wildcard tests/solver/test_[!a]*.py)
+	$(PYTEST) tests/physics tests/task tests/robot tests/test_simulation.py tests/solver
 
 setup: $(WHOLE)  ## make .venv and install everything that is pinned
 

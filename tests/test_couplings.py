@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from episode_runs import ID
 from refusal import refused
-from solver_scenes import scene
+from solver_scenes import MOTION, scene
 
 import impact_gym as ig
 from agents.check import lag
@@ -19,7 +19,6 @@ from impact_gym.task import Task
 
 MASS = 0.125  # kg
 SPRING, STOPPED = ig.SpringDamper(50.0, 0.4), ig.SpringDamper(50.0, 0.4, stroke=0.021)
-MOTION = ig.Trapezoid(1.0, 8.0, brake=ig.Brake(1.0, 0.016, 8.0))
 
 
 @dataclass(frozen=True, slots=True)

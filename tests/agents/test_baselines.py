@@ -192,20 +192,15 @@ def test_without_errors_the_estimate_is_the_distance(coupling, kind):
     assert np.abs(error[read]).max() < prior + swing + 1e-6
 
 
-@pytest.mark.parametrize("kind", FILTERS)
-def test_spread_is_that_of_readings_weighted_by_inverse_variance(kind):
-    """At a flange at rest every reading has the same variance."""
-    _, spread, age, _ = estimates(500, 10, speed=-0.5, kind=kind, range_sensor={"noise": 0.02, "dropout": 0.3})
-    count = np.cumsum(age == 0.0, axis=0)
-    assert spread == pytest.approx((PRIOR + count / 0.02**2) ** -0.5, rel=1e-9)
-
-
-def test_spread_keeps_the_bias_and_allows_for_correlation():
-    """At rest: variance of the mean of n readings with correlation r, (1 + r) / (1 - r) sigma^2 / n for large n."""
-    sensor = {"noise": 0.02, "bias": (-0.03, 0.03), "correlation": 0.5}
-    _, spread, age, _ = estimates(50, 10, speed=-0.5, kind=SelfCalibratingProfile, range_sensor=sensor)
-    count = np.cumsum(age == 0.0, axis=0)
-    assert spread == pytest.approx((PRIOR + 1.0 / (0.06**2 / 12.0 + 3.0 * 0.02**2 / count)) ** -0.5, rel=1e-9)
+@pytest.mark.parametrize(("kind", "sensor", "weight"), [
+    *((kind, {"dropout": 0.3}, lambda count: count / 0.02**2) for kind in FILTERS),
+    (SelfCalibratingProfile, {"bias": (-0.03, 0.03), "correlation": 0.5},
+     lambda count: 1.0 / (0.06**2 / 12.0 + 3.0 * 0.02**2 / count)),
+])  # fmt: skip
+def test_spread_is_that_of_readings_weighted_by_inverse_variance(kind, sensor, weight):
+    """At rest the mean of n readings with correlation r has (1 + r) / (1 - r) sigma^2 / n for large n; a bias stays."""
+    _, spread, age, _ = estimates(500, 10, speed=-0.5, kind=kind, range_sensor={"noise": 0.02, **sensor})
+    assert spread == pytest.approx((PRIOR + weight(np.cumsum(age == 0.0, axis=0))) ** -0.5, rel=1e-9)
 
 
 def test_errors_have_the_standard_deviation_of_the_filter():

@@ -1,4 +1,4 @@
-"""Statistics of studies, and what a report says of made-up results, whose numbers follow by hand."""
+"""What a report says of made-up results, whose numbers follow by hand."""
 
 from dataclasses import astuple, replace
 
@@ -6,75 +6,14 @@ import numpy as np
 import polars as pl
 import pytest
 from made_up_comparison import COUNT, PAPER_TIME, SPEEDS, played, run
-from matplotlib.figure import Figure
 
 from agents import load_setup
 from agents.evaluate.play import pairs
 from agents.setups.evaluation import Evaluation
-from experiments.lab import charts, grid
-from experiments.lab.page import typeset
-from experiments.lab.parts import percent
-from experiments.lab.statistics import Estimate, Resamples, along, estimate, reduction, tolerated
 from experiments.lab.study import frame_of
 from experiments.report import choice, episodes, robustness, summary
 from experiments.report.ablation import links, steps_of, table
 from experiments.report.comparisons import BOUND, PAPER, POLICY, Contestant, quick_look_note
-from impact_gym.render import palette
-
-
-@pytest.mark.parametrize(("of_seeds", "of_scenarios", "scenarios"), [(1.0, 0.0, 40), (0.3, 5.0, 40), (1.0, 1.0, 10)])
-def test_resamples_vary_with_seeds_and_scenarios(of_seeds, of_scenarios, scenarios):
-    """x = a_seed + b_scenario: the variance of the mean is var(a) / seeds + var(b) / scenarios, both unbiased."""
-    rng = np.random.default_rng(1)
-    seeds, drawn = 10, rng.standard_normal(scenarios)
-    a, b = of_seeds * drawn[:seeds], of_scenarios * drawn[:scenarios]  # resampled independently, though alike
-    values, resamples = a[:, None] + b, Resamples(scenarios, resamples=20_000)
-    means = resamples.means(values)
-    assert means[0] == pytest.approx(a.mean() + b.mean())
-    assert means[1:].var() == pytest.approx(a.var(ddof=1) / seeds + b.var(ddof=1) / scenarios, rel=0.05)
-    both = resamples.means(np.stack([values, 2.0 * values], axis=1))  # weights are between seeds and scenarios
-    assert both == pytest.approx(np.stack([means, 2.0 * means], axis=1))
-
-
-def test_comparison_cancels_what_is_shared():
-    hard = np.random.default_rng(2).uniform(1.0, 10.0, 500)
-    recipe, same, less = map(Resamples(500).means, (np.tile(0.4 * hard, (7, 1)), hard, hard - 0.25))
-    assert astuple(reduction(recipe, same)) == pytest.approx((0.6, 0.6, 0.6))
-    assert astuple(estimate(same - less)) == pytest.approx((0.25, 0.25, 0.25))
-
-
-def test_estimates_and_curves_are_read_as_by_hand():
-    with_gap = estimate(np.concatenate([[1.0], np.linspace(0.0, 2.0, 101), [np.nan, np.inf]]))  # without a value
-    assert astuple(-with_gap) == pytest.approx((-1.0, -1.95, -0.05))
-    x, y = np.tile([3.0, 1.0, 2.0], (4, 1)), np.tile([9.0, 1.0, 4.0], (4, 1))
-    assert along(x, y, np.array([1.5, 2.75, 0.0, 5.0])) == pytest.approx([2.5, 7.75, 1.0, 9.0])
-
-
-@pytest.mark.parametrize(("n", "factor"), [(5, 4.203), (10, 2.911), (30, 2.220), (50, 2.065)])
-def test_tolerated_has_the_factor_of_the_tables(n, factor):
-    """One-sided, 95 % content and confidence: M. G. Natrella, Experimental Statistics, NBS Handbook 91, table A-7."""
-    scores = np.random.default_rng(6).normal(3.0, 2.0, n)
-    assert (scores.mean() - tolerated(scores)) / scores.std(ddof=1) == pytest.approx(factor, abs=6e-4)
-    assert np.isnan(tolerated(scores[:1]))
-
-
-def test_cost_charges_time_and_misses_of_the_environment():
-    scenarios = {"ranges": pairs({"distance": [0.2, 1.5]}), "seed": 1, "count": 20}
-    rows = grid.play({"baseline": "paper-trapezoid"}, {"missed_cost": 5.0}, scenarios, [1.0, 3.0])
-    assert 0 < rows["missed"].sum() < len(rows) == 40
-    by_hand = rows["object_velocity"] + rows["weight"] * rows["approach_time"] + 5.0 * rows["missed"]
-    assert rows["cost"].to_numpy() == pytest.approx(by_hand.to_numpy())
-
-
-def test_texts_and_charts_are_typeset(tmp_path):
-    assert typeset("V_p [1, 2] < N/m^1.5") == "V<sub>p</sub> [1,\N{NO-BREAK SPACE}2] &lt; N/m<sup>1.5</sup>"
-    assert percent(Estimate(0.1234, 0.1, 0.2)) == "12.3 % [10.0, 20.0]"
-    figure = Figure()
-    figure.subplots().plot([0, 1], color=palette.POLICY)
-    drawn, again = (charts.save(figure, tmp_path / f"{k}.svg").read_text() for k in range(2))
-    assert drawn == again
-    assert "dc:date" not in drawn
-    assert f"--policy: {palette.COLOURS['policy'][1].lower()};" in drawn  # on a dark page
 
 
 def said(results):
@@ -83,7 +22,7 @@ def said(results):
 
 def test_rule_alone_is_its_own_main_baseline():
     results = played((), varied={"tool_mass": [0.125, 0.2]})
-    change(results, lambda _: {"episode": [0], "cost": [1.0], "missed": [False]})
+    play_varied(results, lambda _: (1.0, 0))
     assert summary.row(summary.summary(results), results)["V_p lower with the main baseline by"] == "-"
     assert {(row["rule"], row["main baseline"]) for row in robustness.rows(results)} == {("1.000", "1.000")}
 
@@ -234,11 +173,16 @@ def test_chart_has_times_below_and_speeds_beside():
     assert points[POLICY] == pytest.approx(np.array([[0.4, 0.2 * mean], [0.2, 0.4 * mean]]))
 
 
-def change(results, columns, where=None):
-    """Fill `results.varied`; `columns` returns the columns of a contestant's rows under a change from their labels."""
-    comparison = replace(results.comparison, scenarios=where or {"set": "test", "count": 100})
-    cells = (cell.labels for cell in episodes.cells_of(comparison) if cell.labels["part"] == "varied")
-    results.varied = frame_of((labels, pl.DataFrame(columns(labels))) for labels in cells)
+def play_varied(results, play, miss_costs=0.0, where=None):
+    """Fill `results.varied`: `play(labels)` gives V_p (m/s) in 100 scenarios, or an array, and how many are missed."""
+    comparison, rows = replace(results.comparison, scenarios=where or {"set": "test", "count": 100}), []
+    for labels in (cell.labels for cell in episodes.cells_of(comparison) if cell.labels["part"] == "varied"):
+        velocity, misses = play(labels)
+        velocity = np.broadcast_to(velocity, np.shape(velocity) or 100)
+        missed = np.arange(len(velocity)) < misses
+        columns = {"episode": np.arange(len(velocity)), "cost": velocity + miss_costs * missed, "missed": missed}
+        rows.append((labels, pl.DataFrame(columns)))
+    results.varied = frame_of(rows)
 
 
 ALTERNATING = np.tile([0.0, 1.0], 50)
@@ -258,13 +202,11 @@ def test_failure_needs_two_standard_errors_or_two_misses(surplus, missed, facts)
     losses = {"tool mass: 0.125 kg": usual, "tool mass: 0.2 kg": usual | {"seed-0": noisy},
               "tool mass: 0.3 kg": usual | {"seed-0": 0.5}}  # fmt: skip
 
-    def columns(labels):
-        name, velocity = labels["contestant"], np.broadcast_to(losses[labels["change"]][labels["contestant"]], 100)
-        missing = (np.arange(100) < missed) & (name == "seed-0") & (labels["change"] == list(losses)[-1])
-        rows = {"episode": np.arange(100), "object_velocity": velocity, "approach_time": np.zeros(100)}
-        return rows | {"missed": missing, "cost": velocity + 2.0 * missing}
+    def play(labels):
+        name, changed = labels["contestant"], labels["change"]
+        return losses[changed][name], missed * (name == "seed-0" and changed.endswith("0.3 kg"))
 
-    change(results, columns)
+    play_varied(results, play, miss_costs=2.0)
     _, worst, details = robustness.where_it_fails(results, "seed-0")
     assert [fact for fact in facts if fact not in worst] == []
     assert ("Worse than" in details, "misses 2 of 100" in details) == (surplus > 1.0, missed == 2)
@@ -282,15 +224,13 @@ def test_place_outside_the_range_is_named_first(far, light, facts):
     results = played(varied={"scenario.distance": [[0.05, 0.1], [0.6, 0.7]], "scenario.object_mass": [[0.02, 0.05]]})
     results.comparison = replace(results.comparison, own=True)
 
-    def columns(labels):
+    def play(labels):
         assert labels["factor"].endswith(" than in the set-up")
         misses = {"0.6 to 0.7 m": far, "0.02 to 0.05 kg": light}.get(labels["setting"], 0)
-        zero = np.zeros(100)
-        return {"episode": np.arange(100), "object_velocity": zero, "approach_time": zero, "cost": zero,
-                "missed": (np.arange(100) < misses) & (labels["contestant"] == "constant")}  # fmt: skip
+        return 0.0, misses * (labels["contestant"] == "constant")
 
     where = {"ranges": {**pairs("test"), "distance": [0.1, 0.6]}, "seed": 1, "count": 100}
-    change(results, columns, where)
+    play_varied(results, play, where=where)
     called, worst, details = robustness.where_it_fails(results, "constant")
     assert called == "the tuned constant speed"
     assert [fact for fact in facts if fact not in worst] == []
@@ -302,14 +242,12 @@ def test_worst_change_comes_first_and_misses_count_by_share():
     results = played(varied={"tool_mass": [0.125, 0.3, 0.2], "alarm_threshold": [1.0, 3.0]})
     more, missing = {"0.2 kg": 0.3, "0.3 kg": 0.4, "3 N": 0.6}, {"0.2 kg": 3, "3 N": 4}
 
-    def columns(labels):
+    def play(labels):
         setting, ours = labels["setting"], labels["contestant"] == "seed-0"
-        place = np.arange(50 if setting == "0.2 kg" else 100)
-        cost = np.full(len(place), 1.0 + more.get(setting, 0.0) * ours)
-        rows = {"episode": place, "object_velocity": cost, "approach_time": 0.0 * cost, "cost": cost}
-        return rows | {"missed": (place < missing.get(setting, 0)) & ours}
+        velocity = 1.0 + more.get(setting, 0.0) * ours
+        return np.full(50, velocity) if setting == "0.2 kg" else velocity, missing.get(setting, 0) * ours
 
-    change(results, columns)
+    play_varied(results, play)
     _, worst, details = robustness.where_it_fails(results, "seed-0")
     assert worst.startswith("Tool mass. At 0.2 kg it costs 0.3 m/s more than the ")
     assert worst.endswith("it misses 3 of 50 objects.")

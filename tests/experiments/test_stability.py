@@ -14,18 +14,18 @@ from experiments.studies.solvers.approaches import Approach, Solution
 from experiments.studies.solvers.comparison import HEYOKA, OURS, SCIPY
 from experiments.studies.stability import checks
 
-NAMED = approaches.named()
+EXACT = {name: approach for name, (_, approach) in approaches.named().items()}
+EXACT |= {"rigid": Approach(scene(1e5, 0.8), MOTION, 1.0), "elastic": Approach(scene(1e5, 1.0), MOTION, 1.0)}
 
 
-@pytest.mark.parametrize("name", NAMED)
+@pytest.mark.parametrize("name", EXACT)
 def test_named_approaches_agree_with_34_digits(name):
     heyoka = pytest.importorskip("heyoka")
-    _, approach = NAMED[name]
-    exact = taylor.TaylorApproach(*approach, 1e-30, heyoka.real128).solve()
-    ours, _ = comparison.solved(approach, OURS, 1e-13)
+    exact = taylor.TaylorApproach(*EXACT[name], 1e-30, heyoka.real128).solve()
+    ours, _ = comparison.solved(EXACT[name], OURS, 1e-13)
     assert (ours.contacts, ours.passes) == (exact.contacts, exact.passes)
-    for found in ("velocity", "detection_time"):
-        assert getattr(ours, found) == pytest.approx(float(getattr(exact, found)), rel=0.0, abs=1e-13)
+    for found, rel in (("velocity", 0.0), ("detection_time", 0.0), ("peak_force", 1e-13), ("contact_duration", 1e-13)):
+        assert getattr(ours, found) == pytest.approx(float(getattr(exact, found)), rel=rel, abs=1e-13)
 
 
 def test_a_rival_that_is_missing_or_fails_is_a_row(monkeypatch):

@@ -141,26 +141,23 @@ def test_page_and_tables_are_of_the_newest_run(study, tmp_path):
     assert len(json.loads(log.read_text())["runs"]) == 1
 
 
-def cells_of(name):
-    """The few cells of each table; None: the cells of a quick run."""
-    if name == "paper":
-        return {figure: [Cell({}, {})] for figure in ("figure_02", "figure_23")}
-    if name == "speed":
-        return {"times": [next(speed.cells(True, {}))], "cost": None}
-    if name == "stability":
-        truth = [Cell({"scene": number}, {"number": seed}) for number, seed in ((2, -1), (5, 5))]  # the first fails
-        return {"scenes": [Cell({"scene": number}, {"number": number}) for number in range(9)], "truth": truth}
-    if name == "teleop":
-        rigid = (cell for cell in teleop.assisted(True, {}) if cell.labels["coupling"] == "rigid")
-        return {"episodes": [cell for cell in rigid if cell.labels["seed"] < 2]}
-    if name == "sensors":
-        return {"episodes": None}
-    return {"environments": None, "rates": [Cell({"set-up": "linear-blind"}, {"name": "linear-blind", "quick": True})]}
+FEW = {
+    "paper": {figure: [Cell({}, {})] for figure in ("figure_02", "figure_23")},
+    "speed": {"times": [next(speed.cells(True, {}))], "cost": None},
+    "stability": {"scenes": [Cell({"scene": number}, {"number": number}) for number in range(9)],
+                  "truth": [Cell({"scene": number}, {"number": seed}) for number, seed in ((2, -1), (5, 5))]},
+    "teleop": {"episodes": [cell for cell in teleop.assisted(True, {})
+                            if cell.labels["coupling"] == "rigid" and cell.labels["seed"] < 2]},
+    "sensors": {"episodes": None},
+    "speed of trainings": {
+        "environments": None, "rates": [Cell({"set-up": "linear-blind"}, {"name": "linear-blind", "quick": True})]},
+}  # fmt: skip
+"""The few cells of each table; None: the cells of a quick run. The first truth fails."""
 
 
 def small_run(name, folder):
     """A run of a study, in this process, of the few cells alone."""
-    whole, cells = studies.load(name.partition(" ")[0]), cells_of(name)
+    whole, cells = studies.load(name.partition(" ")[0]), FEW[name]
     few = [
         replace(each, cells=(lambda *_, made=made: made) if (made := cells[each.name]) else each.cells, processes=0)
         for each in whole.measurements if each.name in cells

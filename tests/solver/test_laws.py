@@ -1,4 +1,4 @@
-"""Every run obeys the laws of forces, momentum and energy, and depends on neither trace nor units."""
+"""Every run obeys the laws of forces, momentum and energy, and closed forms, whatever the trace and the units."""
 
 import math
 from dataclasses import replace
@@ -7,7 +7,8 @@ from itertools import product
 
 import numpy as np
 import pytest
-from solver_scenes import COUPLINGS, ROBOTS, on_rough_ground, random_approach, scene, stored_energy
+from scipy.special import beta, betainc
+from solver_scenes import COUPLINGS, ROBOTS, log_uniform, on_rough_ground, random_approach, scene, stored_energy
 
 import impact_gym as ig
 from impact_gym.physics.impact import GRAVITY
@@ -74,11 +75,13 @@ def test_trace_changes_nothing_and_is_where_shorter_runs_end():
                 assert there[-1] == pytest.approx(whole[at], abs=close), body
 
 
-def test_more_contacts_and_snaps_are_recorded_than_allocated():
+def test_more_contacts_snaps_and_instants_than_allocated():
     # the tool accelerates behind an elastic object, which bounces off it every 0.2 ms
     bounces = scene(1e12, 1.0, distance=1e-7), ig.Trapezoid(2000.0, 20.0)
-    few, many = ig.simulate(*bounces, 0.5, 1e-12, trace=True), ig.simulate(*bounces, 1.5, 1e-12)
-    assert min(len(many.contacts), len(few.trace.time)) > 4096  # the first allocation
+    many = ig.simulate(*bounces, 1.5, 1e-12)
+    once = ig.simulate(scene(robot=ig.Robot(1.0, 1e10, 1e-3)), ig.Trapezoid(1.0, 8.0), 1.5, trace=True)
+    assert min(len(many.contacts), len(once.trace.time)) > 4096  # the first allocation, of instants
+    assert (len(once.contacts), once.trace.time[-1]) == (1, pytest.approx(1.5))
     approach, start = np.array([(contact.approach_velocity, contact.start) for contact in many.contacts]).T
     assert approach == pytest.approx(math.sqrt(2 * 20.0 * 1e-7), rel=1e-8)
     assert np.diff(start) == pytest.approx(start[1] - start[0], rel=1e-8)
@@ -134,3 +137,35 @@ def test_energy_grows_at_most_by_the_work_of_the_ground(features):
         work = v * (chain.object.friction or 0.0) * chain.object.mass * GRAVITY * np.diff(trace.time)
         steady = trace.time[:-1] > v / motion.acceleration * (1 + 1e-12)
         assert (np.diff(energy) - work)[steady].max() < 1e-9 * energy.max()
+
+
+@pytest.mark.parametrize("rtol", [1e-4, 1e-7, 1e-10])
+def test_peak_end_and_alarm_of_a_contact_are_of_a_closed_form(rtol):
+    """In random elastic contacts with a tool of imposed motion. Energy is conserved, so all times are beta functions.
+
+    From v^2 - delta_dot^2 = 2/n k/m delta^n with n = 5/2 of Hertz, or another, and x = (delta / deepest)^n:
+    t(delta) = deepest/v / n B(x; 1/n, 1/2), which is half the duration at x = 1.
+    """
+    for seed, share in product(range(30), (1e-3, 0.5, 0.9, 0.999, 1 - 2 * rtol, 1 + 2 * rtol)):
+        random = np.random.default_rng([13, seed])
+        v, acceleration = random.uniform(0.2, 1.5), random.uniform(2, 20)
+        mass, stiffness = log_uniform(random, 0.05, 2.5), log_uniform(random, 1e3, 1e7)
+        exponent = (1.5, 1.0, 1.5, 2.0, 1.5, 3.0)[seed % 6]
+        distance, n = v**2 / (2 * acceleration) + random.uniform(0.01, 0.2), exponent + 1
+        start = distance / v + v / (2 * acceleration)
+        deepest = (n / 2 * mass * v**2 / stiffness) ** (1 / n)
+        peak, duration = stiffness * deepest**exponent, 2 / n * deepest / v * beta(1 / n, 0.5)
+        powers = {"stiffness_exponent": exponent, "damping_exponent": exponent}
+        elastic = scene(stiffness, 1.0, m_p=mass, distance=distance, **powers)
+        motion = ig.Trapezoid(v, acceleration, ig.Brake(share * peak, delay=1.0))
+        outcome = ig.simulate(elastic, motion, start + 2 * duration, rtol)
+        (contact,) = outcome.contacts
+        assert contact.peak_force == pytest.approx(peak, rel=rtol)
+        assert contact.end - contact.start == pytest.approx(duration, rel=rtol + 1e-12 / duration)  # of a clock at 1 s
+        assert contact.separation_velocity == pytest.approx(v, rel=rtol + 1e-12)
+        if share > 1:
+            assert outcome.detection_time is None
+        else:  # as early or late as with a force that is wrong by rtol of its peak
+            x = np.clip([share - rtol, share + rtol], 0.0, 1.0) ** (n / exponent)
+            early, late = start + 0.5 * duration * betainc(1 / n, 0.5, x)
+            assert early - 1e-14 < outcome.detection_time < late + 1e-14

@@ -96,16 +96,12 @@ def test_limits_are_those_of_the_unit_and_enclose_the_draws(row):
 
 
 @pytest.mark.parametrize("path", NUMBERS)
-def test_path_is_read_changed_and_swept(path):
+def test_path_is_read_and_changed(path):
     records, before = NUMBERS[path], dotted_paths.flatten(NUMBERS[path])
     value = Fraction(0.98 * before[path] or 0.01)  # a record stores any number as a float
     changed = dotted_paths.replaced(records, {path: value})
     assert dotted_paths.flatten(changed) == before | {path: float(value)}
     assert dotted_paths.get(records, path) == before[path]
-    motion, scene = records["motion"], {name: each for name, each in records.items() if name != "motion"}
-    swept = ig.sweep(ig.Scene(**scene), motion, {path: [float(value)]}, duration=1.0)
-    outcome = ig.simulate(ig.Scene(**{name: changed[name] for name in scene}), changed["motion"], duration=1.0)
-    assert (swept.status[0], swept.object_velocity[0]) == ("ok", outcome.object_velocity)
 
 
 def shares(task, record):
