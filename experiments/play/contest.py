@@ -53,11 +53,11 @@ def again(this: Attempt) -> tuple[Variants, str]:
 
 def example(name: str) -> tuple[Variants, str]:
     """Return a model of a late hand, alone and with the brake, in the set-up `name`; and a sentence about the hand."""
-    setup, hand = load_setup(name), {"type": "Trapezoid", "speed": 0.3}
+    setup, hand = load_setup(name), {"type": "Trapezoid", "speed": 0.2}
     record = record_of(usual(setup) | {"delay": 0.2, "jitter": 0.0})
     record["distance"] = float(np.mean(setup.task.scenario.distance))
     alone, braked = (Live(Attempt(name, assist, 0, record, hand)).finished() for assist in ("none", "brake"))
-    words = f"A model of a hand, 0.1 s late each way, which lets go {SIMPLE_REACTION:.2f} s after it sees the touch."
+    words = f"A hand model at 20 cm/s, 0.1 s late each way, lets go {SIMPLE_REACTION:.2f} s after it sees the touch."
     return {"A late hand alone": (alone, ""), "The same hand, brake on": (braked, SENTENCES["brake"])}, words
 
 

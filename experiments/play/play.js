@@ -157,9 +157,8 @@ function result(entry) {
   box.replaceChildren();
   const headline = entry.missed ? "You did not touch it." : `It slid ${centimetres(entry.slide)}, done after ${entry.done_time.toFixed(1)} s.`;
   html("p", {class: "big"}, box, headline);
-  const score = [];
-  if (entry.missed) score.push("Push farther, until the tool touches the object.");
-  else score.push(entry.slide < GENTLE ? "Gentle!" : "Under 1 cm is gentle: be slow near the object, or take the brake.");
+  const touched = entry.slide < GENTLE ? "Gentle!" : "Under 1 cm is gentle: be slow near the object, or take the brake.";
+  const score = [entry.missed ? "Push farther, until the tool touches the object." : touched];
   if (page.won) score.push(`You have won this level. Next: ${ROUNDS[page.round + 1].task}`);
   if (Number.isFinite(best)) score.push(`Best so far: ${centimetres(best)}.`);
   html("p", {}, box, score.join(" "));
@@ -198,9 +197,7 @@ const HEARD = {
     write("state", "hold \u2192, or drag the stick");
     ready();
   },
-  taken() {
-    page.socket.close(4000, "another tab took the stick");
-  },
+  taken: () => page.socket.close(4000, "another tab took the stick"),
   began(message) {
     Object.assign(page, {running: true, asked: false});
     mode("playing", true);
@@ -246,15 +243,15 @@ const HEARD = {
 
 function over() {
   Object.assign(page, {running: false, asked: false, overAt: performance.now()});
-  mode("playing", false);
-  mode("touching", false);
+  for (const name of ["playing", "touching"]) mode(name, false);
   ready();
 }
 
+const link = (text) => ["state", "go"].forEach((id) => write(id, text));
 function connect() {
   banner("");
-  const socket = new WebSocket(`ws://${location.host}${location.pathname}ws`);
-  page.socket = socket;
+  link("connecting\u2026");
+  const socket = page.socket = new WebSocket(`ws://${location.host}${location.pathname}ws`);
   socket.addEventListener("message", (event) => {
     const message = JSON.parse(event.data);
     HEARD[message.kind](message);
@@ -262,6 +259,7 @@ function connect() {
   socket.addEventListener("close", (event) => {
     page.player = false;
     over();
+    link("no connection");
     const retry = event.code !== 1012 && event.code !== 1006;
     banner(retry ? `The connection was closed: ${event.reason || "no reason given"}.`
       : "The server has stopped; the tries that ended are kept. Start it again, then open the address that it prints.",

@@ -36,6 +36,7 @@ class Faked:
         self.page.add_init_script(path=Path(play_client.__file__).with_name("faked_page.js"))
         self.page.route("**/*", self.answer)
         self.page.goto("http://127.0.0.1:1/token/")
+        self.before = [self.page.inner_text(f"#{part}") for part in ("state", "go")]
         self.hear(*Page(world).messages)
         self.run, self.text = self.page.clock.run_for, self.page.inner_text
 
@@ -80,6 +81,11 @@ def faked(browser, world):
     yield made
     made.page.context.close()
     assert made.problems == []
+
+
+def test_page_says_whether_it_is_connected(faked):
+    assert faked.before == ["connecting\u2026"] * 2
+    assert (faked.text("#state"), faked.text("#go").split()[0]) == ("hold \u2192, or drag the stick", "Begin")
 
 
 def test_keys_move_the_stick_and_let_it_go(faked):
@@ -167,11 +173,13 @@ def test_picture_moves_at_the_time_of_its_frames(faked, world):
                              for name, place in (("ghost", "cx"), ("object", "cx"), ("tool", "x")))  # fmt: skip
         assert ball - ghost == pytest.approx(0.02 * scale, abs=1)  # the ghost stays where the object was hit
         assert tool / scale - 0.02 == pytest.approx(home, abs=1 / scale)
+    assert not page.locator("#picture :text('out of the picture')").is_visible()
     faked.end(slide=0.9)  # farther than the picture shows
     faked.run(32)
     assert (page.locator("#picture .igw-object-text").text_content(), faked.ask("cut(given)", "#stage")) == (
         "slid 90.0 cm", [],
     )  # fmt: skip
+    assert page.locator("#picture :text('out of the picture')").is_visible()
 
 
 def test_gentle_tries_win_the_levels_and_end_in_free_play(faked, world):
@@ -312,6 +320,12 @@ def test_films_show_exactly_the_recorded_hand(faked, world, device):
     assert ends >= {(held, True, assist) for held in (True, False) for assist in ("nobody", "a brake at the arm")}
 
 
+def test_first_film_shows_a_brake_that_meets_the_goal():
+    """The model of a hand slides the object farther than 1 cm alone, less with the brake."""
+    alone, braked = (this.result["slide"] for this, _ in contest.example("teleop-rigid")[0].values())
+    assert braked < 0.01 < alone
+
+
 PUSHES = [  # speed near the object (m/s), duration of the push (s); they make slides of 0.1 mm to 3 m
     (0.02, 2.0765), (0.02, 2.1), (0.03, 1.9), (0.05, 1.4), (0.1, 1.2), (0.3, 2.0), (0.5, 3.0), (0.5, 6.6),
 ]  # fmt: skip
@@ -369,6 +383,7 @@ def test_try_from_the_first_key_to_the_film_in_real_time(browser, tmp_path):
         page.wait_for_selector("body.playing")
         server.end(signal.SIGTERM)
         page.wait_for_selector("#banner:has-text('The server has stopped')")
+        assert page.inner_text("#state") == "no connection"
         page.context.close()
     assert problems == []
     assert attempts.of_persons(tmp_path, marked=True)[1].marks == ["interrupted: the server was stopped"]
