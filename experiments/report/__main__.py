@@ -14,6 +14,7 @@ from agents.setups.evaluation import RESERVED
 from agents.setups.keys import prefixed_errors
 from experiments.lab.study import Measurement, RunOptions, Study, run
 from experiments.report.comparisons import Comparison, of_policies, of_setup
+from experiments.report.limits import read_limited
 from impact_gym.support.command_line import command_of, run_command
 from impact_gym.support.files import parsed
 from impact_gym.support.provenance import digest_of
@@ -58,6 +59,9 @@ class ReportOptions(RunOptions):
     """Cost of a second until the touch, in m/s of the object's final velocity. The page recommends the simplest
     controller whose mean cost is not significantly above the lowest. Without this option, the value is
     `evaluation.typical` of the set-up (2 by default)."""
+    limited: Path | None = None
+    """With one set-up: file limits.json of `impact-gym controller`. The page then recommends by its limits, and shows
+    what each controller reaches at the time weight of the recommended controller."""
     out: Path = Path("reports/latest")
     """Folder for the page and the results of the episodes. To continue after an interruption, repeat the command."""
 
@@ -71,6 +75,8 @@ class ReportOptions(RunOptions):
             raise ValueError("name set-ups or policies, not both")
         if self.baseline and not self.policy:
             raise ValueError("baseline needs --policy: a set-up has its own baselines")
+        if self.limited is not None and (len(self.setups) != 1 or self.time_weight is not None):
+            raise ValueError(f"limited, got {self.limited}, needs one set-up and no time_weight")
 
 
 def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -108,13 +114,13 @@ def comparisons_of(options: ReportOptions) -> list[Comparison]:
         return of_policies(options.policy, options.baseline, scenarios, changes, options.time_weight)
     setups = list(map(load_setup, options.setups or README))
     distinct("names of set-ups", [setup.name for setup in setups])
-    comparisons = []
+    comparisons, limited = [], read_limited(options.limited) if options.limited else {}
     for setup in setups:
         count = options.count or (setup.evaluation.scenarios if options.scenarios is None else None)
         scenarios, changes = scenarios_from(options.scenarios or setup.evaluation.set, count)
         if changes:
             raise ValueError("scenarios with an environment need --policy: a set-up has its own environment")
-        comparisons.append(of_setup(setup, scenarios, options.folder, options.time_weight))
+        comparisons.append(of_setup(setup, scenarios, options.folder, options.time_weight, limited))
     return comparisons
 
 

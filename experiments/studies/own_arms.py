@@ -123,7 +123,7 @@ def faults(path: Path, limited: bool) -> Iterator[tuple[str, str]]:
         if missed > 3.0 * MISSED_TOO_OFTEN and "distance" not in named:
             yield "failures outside are named", f"{100 * missed:.0f} % more are missed at {place} m, but: {named}"
     printed = re.search(
-        r"object ([\d.]+) m/s \(mean\).* after ([\d.]+) s and misses (\d+)", " ".join(check.lines(setup))
+        r"objects at ([\d.]+) m/s \(mean\).* after ([\d.]+) s and misses (\d+)", " ".join(check.lines(setup))
     )
     velocity, time, missed = map(float, printed.groups()) if printed else (np.nan,) * 3
     of_rule = played[PAPER]
