@@ -56,6 +56,8 @@ class ControllerOptions(Limits):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if not self.given and self.share != Limits.share:
+            raise ValueError(f"share, got {self.share:g}, needs a limit, such as max_velocity")
         if self.given and self.time_weight is not None:
             raise ValueError(f"time_weight, got {self.time_weight:g} m/s per s, must be left out with "
                              f"{', '.join(self.given)}: limits need their own time weight")  # fmt: skip

@@ -19,7 +19,6 @@ from experiments import controller, limits
 from experiments.lab.statistics import Estimate
 from experiments.limits import Attempt, Search
 from experiments.report import choice
-from experiments.report.__main__ import ReportOptions
 from experiments.report.comparisons import PAPER
 from experiments.report.limits import Limits, front, quantile, read_limited
 from experiments.studies import own_arms
@@ -135,7 +134,6 @@ def test_limits_of_another_file_are_refused(tmp_path):
     for content in ("[]", '{"limits": {}}', "nonsense"):
         (tmp_path / "limits.json").write_text(content)
         refused(lambda: read_limited(tmp_path / "limits.json"), "limits.json")
-    refused(lambda: ReportOptions(limited=tmp_path), "needs one set-up")
 
 
 def test_quantiles_of_the_recommended_count_misses_as_above():

@@ -298,6 +298,25 @@ def test_place_outside_the_range_is_named_first(far, light, facts):
     assert "nearer than in the set-up: 0.05 to 0.1 m; objects farther than in the set-up: 0.6 to 0.7 m" in details
 
 
+def test_with_a_limit_the_changes_that_break_it_are_named():
+    """Costs do not count then; that 11 of 100 are above a limit for 90 % is no clear failure, 30 of 100 is one."""
+    results = played(varied={"tool_mass": [0.125, 0.2, 0.3]})
+    results.comparison = replace(results.comparison, limited={"limits": {"max_velocity": 0.5, "share": 0.9}})
+    above = {"tool mass: 0.2 kg": 11, "tool mass: 0.3 kg": 30}
+
+    def columns(labels):
+        velocity, zero = np.where(np.arange(100) < above.get(labels["change"], 0), 0.6, 0.4), np.zeros(100)
+        return {"episode": np.arange(100), "object_velocity": velocity, "approach_time": zero, "missed": zero > 0.0,
+                "cost": zero + (labels["contestant"] == "seed-0")}  # fmt: skip
+
+    change(results, columns)
+    _, worst, details = robustness.where_it_fails(results, "seed-0")
+    assert worst == "Tool mass. At 0.3 kg it keeps only V_p of 0.6 m/s, not 0.5 m/s."
+    assert ("0.3 kg" in details.partition("Tried")[0], "Worse than" in details) == (True, False)
+    results.comparison = replace(results.comparison, limited={"limits": {"max_velocity": 0.61}})
+    assert "does it exceed a limit or miss" in robustness.where_it_fails(results, "seed-0")[1]
+
+
 def test_worst_change_comes_first_and_misses_count_by_share():
     results = played(varied={"tool_mass": [0.125, 0.3, 0.2], "alarm_threshold": [1.0, 3.0]})
     more, missing = {"0.2 kg": 0.3, "0.3 kg": 0.4, "3 N": 0.6}, {"0.2 kg": 3, "3 N": 4}
