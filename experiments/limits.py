@@ -88,7 +88,10 @@ class Search:
         return found.excess <= 1.0
 
     def _each(self, function: Any, arguments: Iterable[JSON]) -> list[list[Attempt]]:
-        digest, where = digest_of("impact_gym", "agents", "experiments.limits"), self.tuning
+        digest, where = (
+            digest_of("impact_gym", "agents", "experiments.limits", "experiments.report.limits"),
+            self.tuning,
+        )
         return cached(function, [{**each, **self.where} for each in arguments], where.jobs, depends=digest,
                       title="limits", processes=where.processes, cluster=where.cluster)  # fmt: skip
 

@@ -23,9 +23,8 @@ def factor(value: float) -> str:
 
 
 def typeset(text: str) -> Markup:
-    """Return a text as HTML, with subscripts (V_p) and superscripts (N/m^1.5), and intervals and % unbroken."""
+    """Return a text as HTML, with subscripts (V_p) and superscripts (N/m^1.5), and without line breaks in intervals."""
     unbroken = INTERVAL.sub(lambda match: match[0].replace(" ", "\N{NO-BREAK SPACE}"), str(escape(text)))
-    unbroken = unbroken.replace(" %", "\N{NO-BREAK SPACE}%")
     return Markup(POWER.sub(r"<sup>\1\2</sup>", SYMBOL.sub(r"\1<sub>\2</sub>", unbroken)))
 
 
