@@ -28,7 +28,6 @@ class Choice:
     time_weight: float  # w, m/s per s
     cost: Estimate  # mean of V_p + w T + cost of a miss, m/s
     above: Mapping[str, Estimate]  # fraction by which the cost of each other contestant is above `cost`, by name
-    missed: int  # number of objects that the recommended controller misses
     measured: Mapping[str, float | None]  # see `measured`
     sentence: str  # what to take, and what it brings, in words
     reason: str  # its cost, and the costs of the others
@@ -60,7 +59,7 @@ def choice(results: ComparisonResults) -> Choice:
         {each: results.selection[each][weight].loss(weight) for each in names}
     )  # fmt: skip
     costs = {each: resamples.means(results.runs[each][weight].loss(weight)) for each in names}
-    cost, missed = estimate(costs[name]), int(results.runs[name][weight].missed.sum())
+    cost = estimate(costs[name])
     above = {each: -reduction(costs[each], costs[name]) for each in names if each != name}
     other = comparison.chosen if name != comparison.chosen else comparison.rival.name
     others = [f"{labels[each]}: {_difference(above[each])}" for each in names if each != name]
@@ -75,8 +74,7 @@ def choice(results: ComparisonResults) -> Choice:
                   f"own time weight: {'; '.join(others)}. {reason}")  # fmt: skip
     elif other != name:
         sentence += f" The {comparison.words[other]} {_difference(above[other], weight)}."
-    found = measured(results.runs[name][weight])
-    return Choice(name, weight, cost, above, missed, found, sentence, reason)
+    return Choice(name, weight, cost, above, measured(results.runs[name][weight]), sentence, reason)
 
 
 def measured(episodes: Episodes) -> dict[str, float | None]:
@@ -94,8 +92,8 @@ def measured(episodes: Episodes) -> dict[str, float | None]:
 
 def _kept(results: ComparisonResults, name: str) -> str:
     """Return in words what a contestant reaches of the limits, in the report's scenarios."""
-    comparison, wanted = results.comparison, Limits(**results.comparison.limited["limits"])
-    reached = wanted.reached(results.runs[name][comparison.typical])
+    wanted = Limits(**results.comparison.limited["limits"])
+    reached = wanted.reached(results.runs[name][results.comparison.typical])
     least = words({option: f"{each:.3g}" for option, each in reached.items()})
     above = any(each.low > wanted.given[option] for option, each in reached.items())
     return (f"{100 * wanted.share:g} % of the objects stay at or below {least}; the limit is {words(wanted.given)}."
@@ -127,10 +125,9 @@ def speed(value: float) -> str:
 
 def numbers(found: Choice, results: ComparisonResults) -> list[tuple[str, str]]:
     """Return the three numbers of the first screen, each with its words: speed of the objects, time, misses."""
-    weight, count, runs = found.time_weight, results.resamples.scenarios, results.runs[found.controller]
-    ours, rule, episodes = runs.means(weight), results.paper.means(weight), runs[weight]
-    touched = episodes.object_velocity[~episodes.missed]
-    most = f"; 95 of 100 below {speed(float(np.quantile(touched, 0.95)))} m/s" if touched.size else ""
+    weight, count, highest = found.time_weight, results.resamples.scenarios, found.measured["p95_velocity"]
+    ours, rule = results.runs[found.controller].means(weight), results.paper.means(weight)
+    most = "" if highest is None else f"; 95 of 100 stay at or below {speed(highest)} m/s"
     words = "all is done" if results.comparison.operated else "the touch"
     words = f"mean time until {words}, T. Paper's rule: {rule['T']:.2f} s. A second counts as much as {weight:.3g} m/s"
     leave = f"mean final speed of the objects, V_p{most}. Paper's rule: {speed(rule['V'])} m/s"
@@ -160,7 +157,7 @@ def row(found: Choice, results: ComparisonResults) -> dict[str, str]:
         "its cost (m/s)": f"{found.cost:.3f}",
         "the rule's cost (m/s)": f"{rule:.3f}",
         "the policy's cost (m/s)": f"{policy:.3f}",
-        "objects missed": f"{found.missed} of {results.resamples.scenarios}",
+        "objects missed": f"{found.measured['missed']} of {results.resamples.scenarios}",
     }
 
 
