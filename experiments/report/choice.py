@@ -71,7 +71,7 @@ def choice(results: ComparisonResults) -> Choice:
         others = [f"{labels[each]} after {within[each]:.3f} s" if each in within else f"{labels[each]} never"
                   for each in names]  # fmt: skip
         reason = (f"It is the soonest that keeps the limits. Least mean time that keeps them, each controller at its "
-                  f"own time weight: {'; '.join(others)}. {reason}")  # fmt: skip
+                  f"own time weight: {'; '.join(others)}.")  # fmt: skip
     elif other != name:
         sentence += f" The {comparison.words[other]} {_difference(above[other], weight)}."
     return Choice(name, weight, cost, above, measured(results.runs[name][weight]), sentence, reason)
