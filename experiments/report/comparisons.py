@@ -70,7 +70,7 @@ class Contestant:
         if kind == "policy" or self.name == PAPER:
             return "Neural network." if kind == "policy" else "Constant speed; brakes at the alarm."
         rule = TUNABLE[content["rule"]] if kind == "tuned" else FIXED.get(content)
-        return str(rule.__doc__).partition("\n")[0].replace("`", "") if rule else "A controller of your own."
+        return (rule.__doc__ or "").partition("\n")[0].replace("`", "") if rule else "A controller of your own."
 
 
 @dataclass(frozen=True)

@@ -97,7 +97,7 @@ def _above_limits(results: ComparisonResults, controller: str, ours: pl.DataFram
             name, unit, words = LIMITED[option]
             reached = quantile(episodes[name].to_numpy(), episodes["missed"].cast(bool).to_numpy(), wanted.share)
             if limit < reached.low <= reached.value < np.inf:  # else too many are missed, which is named for itself
-                keeps = f"it keeps only {words} of {reached.value:.3g} {unit}, not {limit:g} {unit}"
+                keeps = f"{100 * wanted.share:g} % keep {words} of {reached.value:.3g} {unit}, not {limit:g} {unit}"
                 yield {**row, "most": reached.value / limit}, keeps
 
 
