@@ -136,7 +136,8 @@ def faults(path: Path, limited: bool) -> Iterator[tuple[str, str]]:
         controller.run(options)
         chosen = json.loads((out / controller.RECOMMENDED).read_text())
         name, weight = chosen["controller"], chosen["time_weight"]
-        player = load_policy(name) if chosen["kind"] == "policy" else load_baseline(name, weight).for_task(task)
+        loaded: Any = load_policy(name) if chosen["kind"] == "policy" else load_baseline(name, weight)
+        player = loaded if chosen["kind"] == "policy" else loaded.for_task(task)
         batch = ScenarioBatch(FRESH_SEED, FRESH, task, time_weight=[weight], threads=1, lenient=True)
         (reached,) = options.reached(batch.play(player)).values()
         if reached.low > options.given["max_velocity"]:
