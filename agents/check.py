@@ -66,10 +66,11 @@ def lines(setup: Setup) -> Iterator[str]:
     yield f"  the tool lags {behind} mm behind at the full {task.acceleration_range[1]:g} m/s^2"
     with prefixed_errors(f"{setup.cli_name}: the paper's rule"):
         played = ScenarioBatch.of("validation", SAMPLE, task).play(PaperTrapezoid().for_task(task))
+    velocity = played.object_velocity[~played.missed]
+    leaves = f"leaves the touched objects at {velocity.mean():.3f} m/s (mean)" if velocity.size else "touches no object"
     yield (
-        f"  in {SAMPLE} scenarios, the paper's rule leaves the object {played.object_velocity.mean():.3f} m/s (mean),"
-        f" {'is done' if task.operator else 'arrives'} after {played.approach_time.mean():.3f} s and misses"
-        f" {int(played.missed.sum())}"
+        f"  in {SAMPLE} scenarios, the paper's rule {leaves}, {'is done' if task.operator else 'arrives'} after"
+        f" {played.approach_time.mean():.3f} s and misses {int(played.missed.sum())}"
     )
     yield (
         f"  an object that is missed costs {task.missed_cost:g} m/s besides the time, V_p of the hardest hit is about"

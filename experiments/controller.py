@@ -1,12 +1,11 @@
 """`impact-gym controller SETUP --out DIR`: tune, train, report, export the controller that the report recommends.
 
-With limits, such as `--max-velocity 0.3`, it exports the soonest controller that keeps them, see `experiments.limits`.
+With limits, such as `--max-velocity 0.3`, it takes the soonest controller that keeps them, see `experiments.limits`.
 """
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from math import isfinite
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -15,19 +14,17 @@ import tyro
 
 from agents import tune
 from agents.baselines import FIXED
-from agents.evaluate.play import controller_of, scenario_batch_of
 from agents.export import __main__ as export
 from agents.setups import Setup, load_setup
 from agents.train import __main__ as train
 from experiments.lab.study import last_run
-from experiments.limits import Limits, Search, quantile, words
+from experiments.limits import Search
 from experiments.report import __main__ as report
-from experiments.report.choice import simplest_first
 from experiments.report.comparisons import PAPER, RULE
+from experiments.report.limits import Limits
 from impact_gym.support.command_line import command_of, run_command
 from impact_gym.support.files import write_file
 from impact_gym.support.validation import number
-from impact_gym.task import Task
 
 MADE_FOR = attrgetter("environment", "training", "tuned", "budget", "evaluation.weights")
 RECOMMENDED = "recommended.json"
@@ -59,6 +56,8 @@ class ControllerOptions(Limits):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if not self.given and self.share != Limits.share:
+            raise ValueError(f"share, got {self.share:g}, needs a limit, such as max_velocity")
         if self.given and self.time_weight is not None:
             raise ValueError(f"time_weight, got {self.time_weight:g} m/s per s, must be left out with "
                              f"{', '.join(self.given)}: limits need their own time weight")  # fmt: skip
@@ -111,46 +110,26 @@ def source_of(best: str, copy: Path, out: Path) -> Path | str:
     return files.get(best, policy if best.startswith("seed-") else RULE if best == PAPER else best)
 
 
-def exporting(copy: Path, options: ControllerOptions, best: str = "") -> export.Export:
-    """Return the options for the export of the controller `best` ("": the report's choice), or of all controllers."""
+def exporting(copy: Path, options: ControllerOptions) -> export.Export:
+    """Return the options for the export of the report's choice, or of all controllers."""
     out = options.out
-    source = source_of(best or last_run(out / "report")["numbers"]["choices"][copy.stem]["controller"], copy, out)
+    source = source_of(last_run(out / "report")["numbers"]["choices"][copy.stem]["controller"], copy, out)
     exported = export.Export(str(source), out / "export", setup=None if str(source).endswith(".npz") else str(copy))
     if options.all:
         exported = replace(exported, controller=str(copy), setup=None, all=True, folder=out)
     return replace(exported, episodes=QUICK_SCENARIOS, calls=QUICK_CALLS) if options.quick else exported
 
 
-def write_recommended(
-    copy: Path, options: ControllerOptions, page: report.ReportOptions, best: str, weight: float
-) -> str:
-    """Write `out`/recommended.json: a controller, and its results in the report's scenarios; return a sentence on them.
-
-    p95: 95 % of all objects are touched and stay at or below this value; null if fewer are touched.
-    """
-    (comparison,), source = report.comparisons_of(page), source_of(best, copy, options.out)
-    spec = next(each.controller for each in simplest_first(comparison) if each.name == best)
-    task = Task(**comparison.environment)
-    played = scenario_batch_of(comparison.scenarios, weight, task).play(controller_of(spec, weight, task))
-    velocity, missed = played.object_velocity, played.missed
-    measured = {"mean_velocity": velocity[~missed].mean() if not missed.all() else None}
-    for name, values in (("velocity", velocity), ("force", played.peak_force), ("time", played.approach_time)):
-        found = quantile(values, missed, 0.95).value
-        measured[f"p95_{name}"] = found if isfinite(found) else None
-    measured |= {"mean_time": played.approach_time.mean(), "missed": int(missed.sum())}
+def write_recommended(copy: Path, options: ControllerOptions, chosen: Mapping[str, Any]) -> Path:
+    """Write `out`/recommended.json: the report's choice, and its results in the report's scenarios."""
+    source = source_of(chosen["controller"], copy, options.out)
+    kind = "rule" if source in FIXED else "policy" if str(source).endswith(".npz") else "baseline"
     content = {
-        "controller": str(source.resolve() if isinstance(source, Path) else source),
-        "kind": "rule" if source in FIXED else next(iter(spec)).replace("tuned", "baseline"),
-        "time_weight": weight, "limits": options.given and options.given | {"share": options.share},
-        "measured": measured,
+        "controller": str(source.resolve() if isinstance(source, Path) else source), "kind": kind,
+        "time_weight": chosen["time_weight"], "limits": options.given and options.given | {"share": options.share},
+        "measured": chosen["measured"],
     }  # fmt: skip
-    write_file(options.out / RECOMMENDED, json.dumps(content, indent=2) + "\n")
-    reached = options.reached(played)
-    above = any(each.low > options.given[name] for name, each in reached.items())
-    kept = words({name: f"{each:.3g}" for name, each in reached.items()})
-    return (f"Take the {comparison.labels[best]} at a time weight of {weight:.3g} m/s per s. {100 * options.share:g} % "
-            f"of {missed.size:,} objects keep {kept}; the mean time is {measured['mean_time']:.3f} s."
-            f"{' In these scenarios a limit is not kept.' * above}")  # fmt: skip
+    return write_file(options.out / RECOMMENDED, json.dumps(content, indent=2) + "\n")
 
 
 def run(options: ControllerOptions) -> None:
@@ -167,23 +146,21 @@ def run(options: ControllerOptions) -> None:
     (options.out / RECOMMENDED).unlink(missing_ok=True)
     each = stages(copy, options)
     (_, tuning), *_, (_, page) = each.values()
-    best, weight = "", 0.0
     for name, (work, stage) in each.items():
         usual = train.TrainOptions(str(copy), load_setup(copy).training) if name == "train" else None
         if name == "report" and options.given:
-            best, weight = Search(page, options, tuning).soonest(options.out / "limits.svg")
+            stage = replace(page, limited=Search(page, options, tuning).write(options.out))
         print(f"$ {command_of(name, stage, usual)}", flush=True)
         work(stage)
-    chosen = last_run(options.out / "report")["numbers"]["choices"][copy.stem]
-    last = exporting(copy, options, best)
+    chosen, last = last_run(options.out / "report")["numbers"]["choices"][copy.stem], exporting(copy, options)
     print(f"$ {command_of('export', last)}", flush=True)
-    files = export.run(last)
-    found = write_recommended(copy, options, page, best or chosen["controller"], weight or chosen["time_weight"])
+    files = [*export.run(last)]
+    files.append(write_recommended(copy, options, chosen))
     print(f"report: {(options.out / 'report' / 'index.html').resolve().as_uri()}")
-    print(found if options.given else chosen["sentence"])
+    print(chosen["sentence"])
     if not options.all:
         print("the other controllers are not exported: run the same command with --all to export them")
-    print(f"files: {', '.join(map(str, [*files, options.out / RECOMMENDED]))}")
+    print(f"files: {', '.join(map(str, files))}")
 
 
 if __name__ == "__main__":

@@ -1,80 +1,33 @@
-"""Limits instead of a time weight: the soonest controller that keeps `--max-velocity`, `--max-force`, `--max-slide`.
+"""The search behind `impact-gym controller --max-velocity 0.3`: the soonest controller that keeps limits.
 
-A controller keeps a limit if the share `Limits.share` of all objects stays at or below it; a missed object counts as
-above every limit. The choice uses the scenarios in which the report chooses, and the upper ends of intervals.
+The choice uses the scenarios in which the report chooses, and the upper ends of intervals.
 """
 
+import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import chain, repeat
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
-from numpy.typing import ArrayLike
-from scipy.stats import quantile_test
 
 from agents.baselines import RULES
 from agents.evaluate.play import controller_of, scenario_batch_of
-from agents.evaluate.scenario_batch import Episodes
 from agents.jobs import cached
 from agents.setups.evaluation import changes
 from agents.tune import BOUND_RTOL, Tune, tune_beyond, tune_one
 from experiments.lab import charts
-from experiments.lab.statistics import CONFIDENCE, Estimate, Floats
+from experiments.lab.statistics import Estimate, Floats
 from experiments.report.__main__ import ReportOptions, comparisons_of
 from experiments.report.choice import simplest, simplest_first
 from experiments.report.episodes import selection_scenarios
-from impact_gym.parameters import SI, Options
-from impact_gym.render import palette
+from experiments.report.limits import Limits, front, words
+from impact_gym.support.files import write_file
 from impact_gym.support.provenance import digest_of
 from impact_gym.task import Task
 
 JSON = Mapping[str, Any]
 HALVINGS = 6  # bisections between two time weights; if these are 2 apart, the error of the result is 1 %
-LIMITED = {  # by option: the limited result, its unit, its words
-    "max_velocity": ("object_velocity", "m/s", "V_p"),
-    "max_force": ("peak_force", "N", "a peak force"),
-    "max_slide": ("slide", "m", "a slide"),
-}
-
-
-@dataclass(frozen=True, kw_only=True)
-class Limits(Options):
-    """Limits for the objects that a controller touches; None: no limit."""
-
-    max_velocity: Annotated[float | None, SI("m/s", above=0)] = None
-    """Largest final velocity of the object, m/s; with friction, its largest velocity. With a limit, the command exports
-    the soonest controller that keeps all limits, at the time weight that the limits need."""
-    max_force: Annotated[float | None, SI("N", above=0)] = None
-    """Largest contact force, N."""
-    max_slide: Annotated[float | None, SI("m", above=0)] = None
-    """Largest distance that the object slides, m. It needs a set-up with friction."""
-    share: Annotated[float, SI("-", at_least=0.5, at_most=0.99)] = 0.95
-    """Share of the objects that must stay at or below each limit. A missed object does not count as below."""
-
-    @property
-    def given(self) -> dict[str, float]:
-        """The given limits, by option."""
-        return {name: value for name in LIMITED if (value := getattr(self, name)) is not None}
-
-    def reached(self, played: Episodes) -> dict[str, Estimate]:
-        """Return for each given limit, by option, the quantile at `share` of the limited result."""
-        return {name: quantile(getattr(played, LIMITED[name][0]), played.missed, self.share) for name in self.given}
-
-
-def words(values: Mapping[str, Any]) -> str:
-    """Return values of limited results, by option, with names and units."""
-    return " and ".join(f"{LIMITED[name][2]} of {value} {LIMITED[name][1]}" for name, value in values.items())
-
-
-def quantile(values: ArrayLike, missed: ArrayLike, share: float) -> Estimate:
-    """Return a quantile with its interval, which assumes no distribution; `values` of missed objects count as inf."""
-    counted = np.where(missed, np.inf, values)
-    low, high = quantile_test(counted, p=share).confidence_interval(CONFIDENCE)
-    return Estimate(float(np.quantile(counted, share, method="inverted_cdf")), float(low), float(high))
 
 
 class Attempt(NamedTuple):
@@ -135,28 +88,38 @@ class Search:
         return found.excess <= 1.0
 
     def _each(self, function: Any, arguments: Iterable[JSON]) -> list[list[Attempt]]:
-        digest, where = digest_of("impact_gym", "agents", "experiments.limits"), self.tuning
+        digest, where = (
+            digest_of("impact_gym", "agents", "experiments.limits", "experiments.report.limits"),
+            self.tuning,
+        )
         return cached(function, [{**each, **self.where} for each in arguments], where.jobs, depends=digest,
                       title="limits", processes=where.processes, cluster=where.cluster)  # fmt: skip
 
-    def soonest(self, chart: Path) -> tuple[str, float]:
-        """Return name and weight (m/s per s) of the simplest contestant whose mean time is not clearly above the least.
+    def write(self, folder: Path) -> Path:
+        """Write `folder`/limits.json, and limits.svg, a chart of all attempts; return the path of limits.json.
 
-        Write a chart of all attempts. ValueError: no contestant keeps the limits; it says what would help.
+        It names the simplest contestant whose mean time is not clearly above the least, and its time weight.
+        ValueError: no contestant keeps the limits; it says what would help.
         """
         environment, contestants = self.comparison.environment, simplest_first(self.comparison)
         arguments = [{"controller": each.controller, "weights": each.weights, "environment": environment}
                      for each in contestants]  # fmt: skip
         tried = dict(zip((each.name for each in contestants), self._each(attempts, arguments), strict=True))
-        charts.save(self.front(tried), chart)
         kept = {name: [each for each in found if each.excess <= 1.0] for name, found in tried.items()}
         best = {name: min(found, key=lambda each: each.times.mean()) for name, found in kept.items() if found}
+        (first, *_), rows = self.limits.given, dict[str, list[tuple[float, float, bool]]]()
+        for name, found in tried.items():
+            each = ((float(a.times.mean()), a.quantiles[first].value, a.excess <= 1.0) for a in found)
+            rows[name] = [attempt for attempt in each if math.isfinite(attempt[1])]
+        content = {"limits": self.where["limits"], "controller": "", "time_weight": 0.0, "attempts": rows}
+        charts.save(front(content, self.comparison.labels).figure, folder / "limits.svg")
         if not best:
             raise ValueError(self.nobody(tried))
         if all(each.excess <= 1.0 for found in tried.values() for each in found):
             print("no controller exceeds the limits, so they decide nothing")
         name = simplest({name: each.times for name, each in best.items()})
-        return name, best[name].weight
+        content |= {"controller": name, "time_weight": best[name].weight}
+        return write_file(folder / "limits.json", json.dumps(content, indent=1) + "\n")
 
     def nobody(self, tried: Mapping[str, list[Attempt]]) -> str:
         """Say that no contestant keeps the limits, the least that is kept, and what each change of the arm gives."""
@@ -185,18 +148,3 @@ class Search:
             found = self._each(attempts_elsewhere, ({"environment": each, **search} for each in others.values()))
             text += "".join(f"; with {change} {least(each)}" for change, each in zip(others, found, strict=True))
         return text
-
-    def front(self, tried: Mapping[str, list[Attempt]]) -> Figure:
-        """Return the chart of the first limited result over the mean time, with the limit as a line."""
-        (name, limit), *_ = self.limits.given.items()
-        _, unit, words = LIMITED[name]
-        figure = Figure(figsize=(5.0, 3.8))
-        axes = figure.subplots()
-        for (who, found), colour in zip(tried.items(), chain(charts.SERIES, repeat(charts.OTHERS)), strict=False):
-            points = sorted((each.times.mean(), each.quantiles[name].value) for each in found)
-            axes.plot(*np.array(points).T, "o-", markersize=3, color=colour, label=self.comparison.labels[who])
-        axes.axhline(limit, color=palette.INK, linestyle=":", label=f"limit: {limit:g} {unit}")
-        axes.set(xlabel="mean time T (s)", ylim=(0.0, None))
-        axes.set_ylabel(f"{words} that {100 * self.limits.share:g} % of the objects stay below ({unit})")
-        axes.legend(fontsize=8)
-        return figure

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import fields
 from functools import cache, partial
-from types import UnionType
+from types import NoneType, UnionType
 from typing import Annotated, Any, ClassVar, Literal, get_args, get_origin
 
 from impact_gym.quantities import BY_PATH, Limits, Quantity
@@ -28,7 +28,7 @@ class Parameters:
     The limits of a field come from the row "{path}.{field}" of `quantities` or from an annotation such as
     `Annotated[float, SI("m", above=0)]` or with a row of `quantities`. A number of the type int is whole. Fields of the
     types bool, str and Literal are checked, too. Other fields without limits, and those in `checked_by_itself`, are not
-    checked. A field with the default None may be None. A sequence of numbers is stored as a tuple.
+    checked. A field with the default or a type None may be None. A sequence of numbers is stored as a tuple.
     """
 
     __slots__ = ()
@@ -66,7 +66,9 @@ def _checks(kind: Any) -> list[tuple[str, bool, Callable[[Any], Any]]]:
         name = field.name if issubclass(kind, Options) else f"{kind.__name__}.{field.name}"
         check = _check(name, field.type, f"{kind.rows}.{field.name}")
         if check and field.name not in kind.checked_by_itself:
-            checks.append((field.name, field.default is None, check))
+            hint: Any = field.type
+            allowed = get_args(hint.__origin__ if get_origin(hint) is Annotated else hint)
+            checks.append((field.name, field.default is None or NoneType in allowed, check))
     return checks
 
 

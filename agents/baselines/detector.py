@@ -71,13 +71,13 @@ class DetectorRule(ReactingRule):
 
 
 class DetectorProfile(DetectorRule, BlindProfile, tunable=True):
-    """`BlindProfile` with the alarm of a detector."""
+    """Follow a speed profile over the flange's position; a detector raises the alarm."""
 
     PARAMETERS = (*BlindProfile.PARAMETERS, *DETECTOR)
 
 
 class DetectorRanged(DetectorRule, StretchedProfile, tunable=True):
-    """`StretchedProfile` with the alarm of a detector."""
+    """Follow a speed profile over the estimated distance; a detector raises the alarm."""
 
     NEEDS: ClassVar[Mapping[str, Any]] = {
         **DetectorRule.NEEDS, "range_noise": (0.001, 0.01), "observe_range_noise": True,

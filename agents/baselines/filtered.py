@@ -24,7 +24,7 @@ Flags = NDArray[np.bool_]
 
 
 class FilteredProfile(StretchedProfile, tunable=True):
-    """`StretchedProfile` with the distance that a filter estimates from the range readings.
+    """Follow a speed profile over the distance that a filter estimates from the range readings.
 
     Where readings are too short, the object is behind the estimated place. There the tool does not stop: until a force
     is felt, the flange goes on with at least GOING_ON. A reading of 0 hides how large a negative error is; it is not
@@ -127,13 +127,13 @@ class FilteredProfile(StretchedProfile, tunable=True):
 
 
 class FirstReadingProfile(FilteredProfile, tunable=True):
-    """`FilteredProfile` whose filter uses only the first valid reading of an episode."""
+    """Follow a speed profile over the distance from the first valid range reading of an episode."""
 
     READINGS = 1
 
 
 class SelfCalibratingProfile(FilteredProfile, tunable=True):
-    """`FilteredProfile` with a Kalman filter of place, bias and scale, and a tuned going-on speed.
+    """Follow a speed profile over a Kalman filter's estimate of place, bias and scale, then go on at a tuned speed.
 
     A reading at the tool position p is (1 + scale) (place - p) + bias + noise. The product's mean and variance are
     those of normal place and scale (Gaussian second-order filter, Jazwinski 1970). The arm's motion tells the scale.

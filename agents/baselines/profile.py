@@ -61,7 +61,7 @@ GAPS: Floats = np.array([-0.02, -0.01, 0.0, 0.01, 0.02, 0.04])
 
 
 class BlindProfile(ReactingRule, tunable=True):
-    """Follow a piecewise linear profile over the flange's position."""
+    """Follow a speed profile over the flange's position, piecewise linear."""
 
     PARAMETERS = (
         *(Parameter(f"speed at {1e3 * knot:g} mm", "m/s", 0.01, VELOCITY_RANGE[1], 0.6) for knot in KNOTS),
@@ -75,7 +75,7 @@ class BlindProfile(ReactingRule, tunable=True):
 
 
 class ConstantDeceleration(ReactingRule, tunable=True):
-    """Brake with constant deceleration to the `lowest speed` at the position `end`."""
+    """Approach ever slower, with constant deceleration to a `lowest speed` at the position `end`."""
 
     PARAMETERS = (
         Parameter("top speed", "m/s", 0.1, VELOCITY_RANGE[1], 1.0),

@@ -14,15 +14,16 @@ from agents.setups import Setup, load_setup
 from experiments.design.pads import Pad
 from experiments.design.search import CONTACT, Candidate, Limits
 from experiments.design.variables import SearchVariable, search_variables, searched_environment
+from impact_gym.parameters import SI, Count, Index, Options
 from impact_gym.support.files import parsed, write_file
-from impact_gym.support.validation import distinct, identifier, number, numbers, whole
+from impact_gym.support.validation import distinct, identifier
 
 PAPER, FRONT, CHOSEN = "paper's rule", "designs", "chosen"  # names of chart lines; more: `DesignOptions.others`
 SPRING = "paper's spring"
 
 
 @dataclass(frozen=True)
-class DesignOptions:
+class DesignOptions(Options):
     """Search for the coupling and the controller with the lowest V_p (the object's final velocity).
 
     The search penalizes a design that exceeds --deflection or --stroke in any scenario, exceeds --peak-force in more
@@ -38,36 +39,33 @@ class DesignOptions:
     """Folder for all results. To continue after an interruption, repeat the command."""
     pad: str = ""
     """Pad on the tool: memory-foam, neoprene or norbornene. Empty: no pad. The tool's mass includes the pad."""
-    times: tuple[float, ...] = (0.9, 1.0, 1.15, 1.35)
+    times: Annotated[tuple[float, ...], SI("-", above=0)] = (0.9, 1.0, 1.15, 1.35)
     """Limits of the mean approach time (time until the touch), relative to that of the paper's rule with the paper's
     spring. The command searches for a coupling for each of these limits."""
     limits: Annotated[Limits, tyro.conf.arg(name="")] = field(default_factory=Limits)
-    tolerance: float = 0.05
+    tolerance: Annotated[float, SI("-", at_least=0, at_most=0.5)] = 0.05
     """Largest relative manufacturing error of each number of --free. Each scenario draws its own errors. In the
     search, these errors are up to 1.2 times as large."""
-    scenarios: int = 500
+    scenarios: Count = 500
     """Number of scenarios in which each candidate (a design with a controller) is simulated."""
-    budget: int = 7200
+    budget: Count = 7200
     """Largest number of candidates in each search, rounded up to a multiple of --population."""
-    population: int = 18
+    population: Annotated[int, SI("-", at_least=4)] = 18
     """Number of candidates in each generation of the search (CMA-ES)."""
     against: tuple[str, ...] = ("bistable-blind", "bistable-paper")
     """Set-ups whose couplings are compared with the design. The command searches for a controller for each of
     these couplings."""
-    seeds: int = 2
+    seeds: Count = 2
     """Number of searches for a design at each approach time, each with another seed. The command takes the design with
     the lowest loss."""
-    processes: int = 2
+    processes: Index = 2
     """Number of searches at the same time, each on one core. 0: the searches run in this process."""
 
     def __post_init__(self) -> None:
-        number("tolerance", self.tolerance, "-", at_least=0.0, at_most=0.5)
-        for name, least in (("scenarios", 1), ("budget", 1), ("population", 4), ("seeds", 1), ("processes", 0)):
-            whole(name, getattr(self, name), at_least=least)
+        super().__post_init__()
         identifier("setup", self.file.stem)  # name of the new set-up
         if not self.times:
             raise ValueError("times must have at least one approach time, relative to the paper's rule (no unit)")
-        numbers("times", self.times, "-", above=0)
         distinct("times", self.times)
         distinct("against", self.against)
         if self.pad:

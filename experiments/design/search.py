@@ -1,11 +1,10 @@
 """One search over design and controller together, for the lowest V_p with a limited mean approach time."""
 
 import json
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import polars as pl
@@ -17,7 +16,7 @@ from agents.baselines.rule import Floats, Rule, ranges_for
 from agents.evaluate.scenario_batch import RESULTS, TUNING_SEED, Episodes, ScenarioBatch, Travel
 from experiments.design.pads import Pad
 from experiments.design.variables import SearchVariable, as_built
-from impact_gym.support.validation import number
+from impact_gym.parameters import SI, Options
 from impact_gym.task import Task
 
 RTOL = 1e-5  # relative tolerance of the simulation in a search
@@ -25,26 +24,20 @@ PENALTY = 2.0  # m/s, cost of exceeding a limit or the allowed mean approach tim
 MARGIN = 1.2  # a search draws design errors up to MARGIN * tolerance, because few scenarios contain no rare extremes
 CONTACT = ("contact_stiffness", "restitution")
 WITHIN = 0.95  # fraction of the episodes in which the peak force must be at most the limit
-UNITS = {"deflection": "m", "stroke": "m", "peak_force": "N", "touched_once": "-"}
 
 
 @dataclass(frozen=True)
-class Limits:
+class Limits(Options):
     """Limits that a design must keep; None: no limit."""
 
-    deflection: float | None = 0.05
+    deflection: Annotated[float | None, SI("m", above=0)] = 0.05
     """Largest deflection before the first touch, m: motion of the tool relative to the flange since the start."""
-    stroke: float | None = None
+    stroke: Annotated[float | None, SI("m", above=0)] = None
     """Largest deflection in the whole episode, m."""
-    peak_force: float | None = None
+    peak_force: Annotated[float | None, SI("N", above=0)] = None
     """Largest contact force, N. At most 5 % of the scenarios may exceed this limit."""
-    touched_once: float | None = None
+    touched_once: Annotated[float | None, SI("-", above=0, at_most=1)] = None
     """Smallest fraction of scenarios in which the tool touches the object at most once, such as 0.95."""
-
-    def __post_init__(self) -> None:
-        for name, unit in UNITS.items():
-            if getattr(self, name) is not None:
-                number(name, getattr(self, name), unit, above=0, at_most=1.0 if name == "touched_once" else math.inf)
 
     def excess(self, played: Episodes, travel: Travel, count: int = 1, pad: Pad | None = None) -> Floats:
         """Return for each candidate (count,) the sum of (value / limit - 1) over all exceeded limits.

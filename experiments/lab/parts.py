@@ -90,6 +90,7 @@ class Tab:
     films: Mapping[str, Markup]  # by label; the page shows the first, and the reader chooses another
     sections: Sequence[Section]
     numbers: Sequence[tuple[str, str]] = ()  # each with its words
+    about: str = ""  # what the recommended controller does
 
 
 def percent(share: Estimate, digits: int = 1) -> str:

@@ -1,18 +1,22 @@
 """The recommended controller: the simplest whose mean cost at one time weight is not clearly above the lowest.
 
-'Not clearly' means that the 95 % interval of the difference includes 0. Controllers from simple to complex:
-untuned baselines, tuned baselines by number of parameters, the user's controllers, the policy.
+With limits, it is the soonest that keeps them, which `experiments.limits` has found. 'Not clearly' means that the 95 %
+interval of the difference includes 0. Controllers from simple to complex: untuned baselines, tuned baselines by number
+of parameters, the user's controllers, the policy.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from agents.evaluate.scenario_batch import Episodes
 from experiments.lab.parts import Table, percent
 from experiments.lab.statistics import Estimate, Floats, Resamples, estimate, reduction
 from experiments.report.comparisons import PAPER, POLICY, Comparison, Contestant
 from experiments.report.episodes import ComparisonResults
+from experiments.report.limits import Limits, quantile, times, words
 from impact_gym.task import Task
 
 
@@ -24,7 +28,7 @@ class Choice:
     time_weight: float  # w, m/s per s
     cost: Estimate  # mean of V_p + w T + cost of a miss, m/s
     above: Mapping[str, Estimate]  # fraction by which the cost of each other contestant is above `cost`, by name
-    missed: int  # number of objects that the recommended controller misses
+    measured: Mapping[str, float | None]  # see `measured`
     sentence: str  # what to take, and what it brings, in words
     reason: str  # its cost, and the costs of the others
 
@@ -50,17 +54,50 @@ def choice(results: ComparisonResults) -> Choice:
     """Return the recommended controller at the typical weight."""
     comparison, weight, resamples = results.comparison, results.comparison.typical, results.resamples
     names, labels = [each.name for each in simplest_first(comparison)], comparison.labels
-    name = simplest({each: results.selection[each][weight].loss(weight) for each in names})
+    limited = comparison.limited
+    name = limited["controller"] if limited else simplest(
+        {each: results.selection[each][weight].loss(weight) for each in names}
+    )  # fmt: skip
     costs = {each: resamples.means(results.runs[each][weight].loss(weight)) for each in names}
-    cost, missed = estimate(costs[name]), int(results.runs[name][weight].missed.sum())
+    cost = estimate(costs[name])
     above = {each: -reduction(costs[each], costs[name]) for each in names if each != name}
     other = comparison.chosen if name != comparison.chosen else comparison.rival.name
     others = [f"{labels[each]}: {_difference(above[each])}" for each in names if each != name]
-    reason = f"Its cost, V_p + {weight:g} T and the cost of misses, is {cost.value:.3f} m/s. {'; '.join(others)}."
+    reason = f"Its cost, V_p + {weight:.3g} T and the cost of misses, is {cost.value:.3f} m/s. {'; '.join(others)}."
     sentence = f"Take the {comparison.words[name]}. {effect(results, name)}"
-    if other != name:
-        sentence += f" The {comparison.words[other]} {_difference(above[other], exact=False)}."
-    return Choice(name, weight, cost, above, missed, sentence, reason)
+    if limited:
+        sentence += f" {_kept(results, name)}"
+        within = times(limited)
+        others = [f"{labels[each]} after {within[each]:.3f} s" if each in within else f"{labels[each]} never"
+                  for each in names]  # fmt: skip
+        reason = (f"It is the soonest that keeps the limits. Least mean time that keeps them, each controller at its "
+                  f"own time weight: {'; '.join(others)}.")  # fmt: skip
+    elif other != name:
+        sentence += f" The {comparison.words[other]} {_difference(above[other], weight)}."
+    return Choice(name, weight, cost, above, measured(results.runs[name][weight]), sentence, reason)
+
+
+def measured(episodes: Episodes) -> dict[str, float | None]:
+    """Return mean V_p (m/s) of the touched objects, mean approach time (s), number of misses, and 95 % quantiles.
+
+    95 % of all objects are touched and stay at or below a quantile "p95_..."; it is None if fewer are touched.
+    """
+    velocity, time, missed = episodes.object_velocity, episodes.approach_time, episodes.missed
+    found: dict[str, float | None] = {"mean_velocity": None if missed.all() else float(velocity[~missed].mean())}
+    for name, values in (("velocity", velocity), ("force", episodes.peak_force), ("time", time)):
+        highest = quantile(values, missed, 0.95).value
+        found[f"p95_{name}"] = highest if math.isfinite(highest) else None
+    return found | {"mean_time": float(time.mean()), "missed": int(missed.sum())}
+
+
+def _kept(results: ComparisonResults, name: str) -> str:
+    """Return in words what a contestant reaches of the limits, in the report's scenarios."""
+    wanted = Limits(**results.comparison.limited["limits"])
+    reached = wanted.reached(results.runs[name][results.comparison.typical])
+    least = words({option: f"{each:.3g}" for option, each in reached.items()})
+    above = any(each.low > wanted.given[option] for option, each in reached.items())
+    return (f"{100 * wanted.share:g} % of the objects stay at or below {least}; the limit is {words(wanted.given)}."
+            f"{' In these scenarios a limit is not kept.' * above}")  # fmt: skip
 
 
 def effect(results: ComparisonResults, name: str) -> str:
@@ -88,12 +125,11 @@ def speed(value: float) -> str:
 
 def numbers(found: Choice, results: ComparisonResults) -> list[tuple[str, str]]:
     """Return the three numbers of the first screen, each with its words: speed of the objects, time, misses."""
-    weight, count, runs = found.time_weight, results.resamples.scenarios, results.runs[found.controller]
-    ours, rule, episodes = runs.means(weight), results.paper.means(weight), runs[weight]
-    touched = episodes.object_velocity[~episodes.missed]
-    most = f"; 95 of 100 below {speed(float(np.quantile(touched, 0.95)))} m/s" if touched.size else ""
+    weight, count, highest = found.time_weight, results.resamples.scenarios, found.measured["p95_velocity"]
+    ours, rule = results.runs[found.controller].means(weight), results.paper.means(weight)
+    most = "" if highest is None else f"; 95 of 100 stay at or below {speed(highest)} m/s"
     words = "all is done" if results.comparison.operated else "the touch"
-    words = f"mean time until {words}, T. Paper's rule: {rule['T']:.2f} s. A second counts as much as {weight:g} m/s"
+    words = f"mean time until {words}, T. Paper's rule: {rule['T']:.2f} s. A second counts as much as {weight:.3g} m/s"
     leave = f"mean final speed of the objects, V_p{most}. Paper's rule: {speed(rule['V'])} m/s"
     return [
         (f"{speed(ours['V'])} m/s", leave),
@@ -102,11 +138,13 @@ def numbers(found: Choice, results: ComparisonResults) -> list[tuple[str, str]]:
     ]
 
 
-def _difference(above: Estimate, exact: bool = True) -> str:
+def _difference(above: Estimate, weight: float | None = None) -> str:
+    """Return a difference in cost in words; with `weight` (m/s per s) briefly, and with what the cost is."""
     if above.low <= 0.0 <= above.high:
-        return f"no significant difference ({percent(above)})" if exact else "does as well, no better"
-    size = percent(above if above.low > 0.0 else -above) if exact else f"costs {100 * abs(above.value):.1f} %"
-    return f"{size} {'more' if above.low > 0.0 else 'less here, but not in the scenarios of the choice'}"
+        return "does as well, no better" if weight else f"no significant difference ({percent(above)})"
+    size = f"costs {100 * abs(above.value):.1f} %" if weight else percent(above if above.low > 0.0 else -above)
+    more = "more" if above.low > 0.0 else "less here, but not in the scenarios of the choice"
+    return f"{size} {more}{f' (cost: V_p + {weight:.3g} T)' if weight else ''}"
 
 
 def row(found: Choice, results: ComparisonResults) -> dict[str, str]:
@@ -119,7 +157,7 @@ def row(found: Choice, results: ComparisonResults) -> dict[str, str]:
         "its cost (m/s)": f"{found.cost:.3f}",
         "the rule's cost (m/s)": f"{rule:.3f}",
         "the policy's cost (m/s)": f"{policy:.3f}",
-        "objects missed": f"{found.missed} of {results.resamples.scenarios}",
+        "objects missed": f"{found.measured['missed']} of {results.resamples.scenarios}",
     }
 
 
@@ -141,7 +179,7 @@ def contestants(found: Choice, results: ComparisonResults) -> Table:
         impulse = velocity * episodes.scenario["object_mass"]
         row = {
             "controller": label,
-            f"V_p + {weight:g} T (m/s)": f"{estimate(resamples.means(episodes.loss(weight))):.4f}",
+            f"V_p + {weight:.3g} T (m/s)": f"{estimate(resamples.means(episodes.loss(weight))):.4f}",
             "against the best choice": against,
             "T (s)": f"{episodes.approach_time.mean():.4f}",
             "V_p (m/s)": f"{estimate(resamples.means_where(velocity, touched)):.3f}",
@@ -151,13 +189,20 @@ def contestants(found: Choice, results: ComparisonResults) -> Table:
             "several contacts": f"{100 * (episodes.contact_count > 1).mean():.1f} %",
             "missed": f"{episodes.missed.sum()}",
         }
+        if limited := comparison.limited:
+            wanted = Limits(**limited["limits"])
+            row |= {f"{100 * wanted.share:g} % below, of {option.replace('_', ' ')}": f"{each:.3g}"
+                    for option, each in wanted.reached(episodes).items()}  # fmt: skip
         if comparison.operated:
             more = {"slide (m)": "slide", "until the touch (s)": "touch_time", "withheld": "withheld_share"}
             row |= {heading: f"{getattr(episodes, name).mean():.3f}" for heading, name in more.items()}
         rows.append(row)
     drawn = len(results.selection[found.controller][weight].missed)
+    best = "soonest controller that keeps the limits" if comparison.limited else (
+        "simplest controller whose cost is not clearly above the lowest"
+    )  # fmt: skip
     caption = (
-        f"The best choice is the simplest controller whose cost is not clearly above the lowest, on {drawn:,} "
+        f"The best choice is the {best}, on {drawn:,} "
         "other scenarios (on these, if a CSV file gives them). The numbers are of these "
         f"{resamples.scenarios:,} scenarios, with the median seed's policy (in the ablation: the mean of all seeds) "
         "and 95 % intervals over scenarios. V_p and impulse, object mass times V_p: touched objects. The weight of the "

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from agents.baselines import FIXED
+from agents.baselines import RULES as TUNABLE
 from agents.evaluate.play import controller_of, environment_and_scenarios, pairs, try_out
 from agents.evaluate.scenario_batch import TEST_SEED
 from agents.policies import Policy, load_ensemble, load_policy
@@ -62,6 +63,15 @@ class Contestant:
             plain, _ = RULES.get(content["rule"], (self.name, ""))
         return plain if plain in (POLICY, self.name) else f"{plain} ({self.name})"
 
+    @property
+    def about(self) -> str:
+        """What it does, in words: for most, the first line of the docstring of its class."""
+        ((kind, content),) = self.controller.items()
+        if kind == "policy" or self.name == PAPER:
+            return "Neural network." if kind == "policy" else "Constant speed; brakes at the alarm."
+        rule = TUNABLE[content["rule"]] if kind == "tuned" else FIXED.get(content)
+        return (rule.__doc__ or "").partition("\n")[0].replace("`", "") if rule else "A controller of your own."
+
 
 @dataclass(frozen=True)
 class Comparison:
@@ -78,6 +88,7 @@ class Comparison:
     bound: Contestant | None = None  # the clairvoyant search: a controller that knows the object
     title: str = ""
     own: bool = False  # whether set-up or policy are the user's; all contestants then play under all changes
+    limited: Mapping[str, Any] = field(default_factory=dict)  # see `limits.read_limited`; {}: there are no limits
 
     @property
     def operated(self) -> bool:
@@ -118,11 +129,13 @@ class Comparison:
 
 
 def of_setup(
-    setup: Setup, scenarios: Mapping[str, Any], folder: Path | None = None, time_weight: float | None = None
-) -> Comparison:
+    setup: Setup, scenarios: Mapping[str, Any], folder: Path | None = None, time_weight: float | None = None,
+    limited: Mapping[str, Any] | None = None,
+) -> Comparison:  # fmt: skip
     """Return the comparison of a set-up, with policies and tuned baselines from `folder` (None: the set-up's folder).
 
-    `time_weight` (m/s per s) replaces the typical weight. ValueError: a file is missing, or an argument does not fit.
+    `time_weight` (m/s per s), or that of `limited`, replaces the typical weight; with `limited`, the policy also plays
+    at a weight outside the range of its training. ValueError: a file is missing, or an argument does not fit.
     """
     folder = setup.folder if folder is None else folder
     path = folder / "policies" / f"{setup.name}.npz"
@@ -133,30 +146,35 @@ def of_setup(
         raise ValueError(f"{path} was trained for another environment than {setup.cli_name} describes: train it again")
     policies = {f"seed-{each.seed}": each for each in sorted(ensemble.policies, key=lambda policy: policy.seed)}
     environment, scenarios = environment_and_scenarios(setup.environment, scenarios)
-    evaluation = replace(setup.evaluation, typical=time_weight or setup.evaluation.typical)
+    needed = limited["time_weight"] if limited else None
+    evaluation = replace(setup.evaluation, typical=needed or time_weight or setup.evaluation.typical)
     rivals = baselines(setup.against, environment, evaluation.typical, setup, folder / "tuned")
     teacher = setup.training.teacher
     known = ", which it is compared with" if teacher in setup.against else ""
     imitates = f"; its training begins by imitating {teacher}{known}" if teacher else ""
     note = setup.about + imitates + quick_look_note(setup, ensemble[None].provenance, rivals)
     bound, chosen = clairvoyant(setup, scenarios, folder / "tuned"), f"seed-{ensemble.chosen}"
-    seeds = _seeds(policies, chosen, evaluation, time_weight)
-    of_setup = seeds, chosen, rivals, scenarios, note, evaluation, bound, setup.title, setup.own
+    low, *_, high = np.repeat(ensemble[None].task.time_weight, 2).tolist()
+    if needed and not low <= needed <= high:
+        note += f"; the policy is trained for time weights of {low:g} to {high:g}, and plays here at {needed:.3g}"
+    seeds = _seeds(policies, chosen, evaluation, time_weight, needed)
+    of_setup = seeds, chosen, rivals, scenarios, note, evaluation, bound, setup.title, setup.own, limited or {}
     return Comparison(setup.name, environment, *of_setup)
 
 
 def _seeds(
-    policies: Mapping[str, Policy], chosen: str, evaluation: Evaluation, time_weight: float | None
-) -> tuple[Contestant, ...]:
+    policies: Mapping[str, Policy], chosen: str, evaluation: Evaluation, time_weight: float | None,
+    needed: float | None = None,
+) -> tuple[Contestant, ...]:  # fmt: skip
     """Return the policies as contestants, which play at the evaluation's weights within the range of their training.
 
-    If no weight is within this range, they play at the lower end of the range.
+    If no weight is within this range, they play at the lower end of the range. They also play at `needed` (m/s per s).
     """
     low, *_, high = np.repeat(policies[chosen].task.time_weight, 2).tolist()  # one weight or a pair
     if time_weight is not None:
         number("time_weight", time_weight, "m/s per s", at_least=low, at_most=high)
     compared = sorted({*evaluation.curve, *evaluation.weights, evaluation.typical})
-    weights = tuple(weight for weight in compared if low <= weight <= high) or (low,)
+    weights = tuple(weight for weight in compared if low <= weight <= high or weight == needed) or (low,)
     contents = {name: policy.to_bytes() for name, policy in policies.items()}
     return tuple(
         Contestant(name, {"policy": base64.b64encode(each).decode()}, weights, hashlib.sha256(each).hexdigest())

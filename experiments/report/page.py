@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
 from markupsafe import Markup
 
 from agents.evaluate.play import controller_of, frozen_of
@@ -16,12 +17,9 @@ from experiments.lab.study import Findings, Frames
 from experiments.report import ablation, choice, robustness, summary
 from experiments.report.comparisons import PAPER, POLICY, Comparison
 from experiments.report.episodes import ComparisonResults
+from experiments.report.limits import front
 from impact_gym.task import Task
 
-ABOUT = {  # captions of the contestants in the film
-    PAPER: "constant speed; brakes once it senses the touch",
-    POLICY: "neural network, trained to touch soon and gently",
-}
 OF_OTHERS = 3  # number of scenarios in the film of a controller that is not recommended
 TERMS = Terms({
     "V_p": "final velocity of the object; with friction, its largest velocity. Means are over the touched objects.",
@@ -91,9 +89,16 @@ def _tab(found: Analysis) -> Tab:
     ]  # fmt: skip
     films = {label: Markup(fragment(film, f"watch-{comparison.name}-{place}"))
              for place, (label, film) in enumerate(watch(results, chosen.controller).items())}  # fmt: skip
+    chart = (front(comparison.limited, words, f"figures/{comparison.name}_answer") if comparison.limited
+             else summary.trade_off(results, chosen.controller))  # fmt: skip
+    taken = next(each for each in (*comparison.baselines, comparison.policy) if each.name == chosen.controller)
+    task, name = Task(**comparison.environment), words[taken.name]
+    delay = " to ".join(f"{1e3 * end:g}" for end in dict.fromkeys(np.ravel(task.reaction_delay)))
+    about = (f"{name[0].upper()}{name[1:]}: {taken.about} The alarm tells the controller of the touch, {delay} ms "
+             f"after the force passes {task.alarm_threshold:g} N.")  # fmt: skip
     return Tab(
         comparison.name, comparison.title, chosen.sentence, comparison.note.partition("A QUICK LOOK, ")[2],
-        found.fails, summary.trade_off(results, chosen.controller), films, sections, choice.numbers(chosen, results),
+        found.fails, chart, films, sections, choice.numbers(chosen, results), about,
     )  # fmt: skip
 
 
@@ -154,7 +159,8 @@ def watch(results: ComparisonResults, recommended: str) -> dict[str, dict[str, A
         controllers = {name: controller_of(each.controller, weight, task) for name, each in contestants}
         scenes = dict(list(scenes.items())[:OF_OTHERS]) if scenes else choose(*played.values())
         film = films(controllers, scenes, played, seed, {**environment, "time_weight": weight})
+        about = {PAPER: comparison.baselines[0].about, comparison.words[other.name]: other.about}
         for run in (run for scene in film["scenes"] for run in scene["runs"] if not comparison.operated):
-            run["sentence"] = ABOUT.get(run["name"], "a rule, not learned")
+            run["sentence"] = about[run["name"]]
         watched[comparison.words[other.name] + ", recommended" * (other.name == recommended)] = film
     return watched

@@ -1,6 +1,6 @@
 """Robustness: results with one changed argument of the environment, without a new training or tuning."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -8,6 +8,7 @@ import polars as pl
 
 from experiments.report.comparisons import PAPER, POLICY
 from experiments.report.episodes import MISSED_TOO_OFTEN, SIDES, ComparisonResults
+from experiments.report.limits import LIMITED, Limits, quantile
 
 Row = dict[str, Any]
 PLACE = tuple(f"objects {word} than" for word in SIDES["distance"])  # begins of the names of changed places
@@ -36,7 +37,7 @@ def outcomes(results: ComparisonResults, controller: str = POLICY) -> pl.DataFra
 
 
 def where_it_fails(results: ComparisonResults, name: str) -> tuple[str, str, str]:
-    """Return where a contestant fails: its cost is above another's, or it misses over 1 % of objects.
+    """Return where a contestant fails: cost above another's, with limits a limit not kept, or over 1 % missed.
 
     Returns its label with article; the worst change in one line, after it a place outside the set-up's range, or that
     no change tried is one; details: each argument with its mildest failure, and all that was tried. Only
@@ -49,8 +50,8 @@ def where_it_fails(results: ComparisonResults, name: str) -> tuple[str, str, str
     controller = name if name in labels else POLICY
     every, called = outcomes(results, controller), f"the {labels.pop(controller)}"
     ours = every.filter(contestant=controller)
-    sentences, worse = list[str](), list[tuple[Row, str]]()
-    for rival, label in labels.items():
+    sentences, worse = list[str](), [*_above_limits(results, controller, ours)]
+    for rival, label in labels.items() if not comparison.limited else ():
         changed = every.filter(~pl.col("same"), contestant=rival).with_columns(settings=pl.len().over("factor"))
         losing = changed.filter(pl.col("more") > 0.0).sort("off", maintain_order=True)
         mildest = losing.group_by("factor", maintain_order=True).agg(pl.all().first(), most=pl.max("more"))
@@ -64,21 +65,40 @@ def where_it_fails(results: ComparisonResults, name: str) -> tuple[str, str, str
     most = ours.filter(share > MISSED_TOO_OFTEN).sort(share, descending=True, maintain_order=True)
     missing = most.group_by("factor", maintain_order=True).agg(pl.all().first()).to_dicts()
     missed = [(row, f"it misses {row['missed']} of {row['of']} objects") for row in missing]
-    sentences += [f"{words[0].upper()}{words[1:]} with {row['factor']} at {row['setting']}." for row, words in missed]
+    limited = worse if comparison.limited else []
+    sentences += [f"{words[0].upper()}{words[1:]} with {row['factor']} at {row['setting']}."
+                  for row, words in (*limited, *missed)]  # fmt: skip
     tried = ours.filter(~pl.col("same")).group_by("factor", maintain_order=True).agg("setting").rows()
     names = "; ".join(f"{factor}: {', '.join(settings)}" for factor, settings in tried)
     sentences += [f"Tried, one change at a time: {names}. Nothing else was tried."] * bool(tried)
     if not (worse or missed):
         places = [each for factor, settings in tried if factor.startswith(PLACE) for each in settings]
         beside = f", objects at {' and '.join(places)} among them" * bool(places)
+        than = "exceed a limit" if comparison.limited else "cost more than a rival"
         single = sum(len(settings) for _, settings in tried)
-        line = f"in none of the {single} single changes that were tried{beside} does it cost more than a rival or miss"
+        line = f"in none of the {single} single changes that were tried{beside} does it {than} or miss"
         return called, f"{line} more than 1 % of objects.", " ".join(sentences)
     failing = [row["factor"] for row, _ in (*missed, *worse)]
     shown = dict.fromkeys([*(factor for factor in failing if factor.startswith(PLACE)), failing[0]])
     lines = [_line([*[each for each in worse if each[0]["factor"] == factor][:1],
                     *(each for each in missed if each[0]["factor"] == factor)]) for factor in shown]  # fmt: skip
     return called, " ".join(lines), " ".join(sentences)
+
+
+def _above_limits(results: ComparisonResults, controller: str, ours: pl.DataFrame) -> Iterator[tuple[Row, str]]:
+    """Yield the rows of changes in which a contestant clearly exceeds a limit, with words; without limits, nothing."""
+    if not results.comparison.limited:
+        return
+    wanted = Limits(**results.comparison.limited["limits"])
+    played = results.varied.filter(contestant=results.comparison.chosen if controller == POLICY else controller)
+    for row in ours.filter(~pl.col("same")).to_dicts():
+        episodes = played.filter(change=row["change"])
+        for option, limit in wanted.given.items():
+            name, unit, words = LIMITED[option]
+            reached = quantile(episodes[name].to_numpy(), episodes["missed"].cast(bool).to_numpy(), wanted.share)
+            if limit < reached.low <= reached.value < np.inf:  # else too many are missed, which is named for itself
+                keeps = f"{100 * wanted.share:g} % keep {words} of {reached.value:.3g} {unit}, not {limit:g} {unit}"
+                yield {**row, "most": reached.value / limit}, keeps
 
 
 def _line(failures: Sequence[tuple[Row, str]]) -> str:

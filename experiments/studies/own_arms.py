@@ -12,8 +12,8 @@ import numpy as np
 import polars as pl
 
 from agents import check
-from agents.evaluate.play import play
-from agents.evaluate.scenario_batch import ScenarioBatch
+from agents.evaluate.play import controller_of, scenario_batch_of
+from agents.evaluate.scenario_batch import Episodes, ScenarioBatch
 from agents.policies import load_policy
 from agents.setups import load_baseline, load_setup
 from experiments import controller
@@ -91,22 +91,19 @@ def faults(path: Path, limited: bool) -> Iterator[tuple[str, str]]:
     found, weight, means = choice.choice(results), comparison.typical, Resamples(FRESH).means
     specs = {each.name: each.controller for each in choice.simplest_first(comparison)}
 
-    def fresh(name: str, **ranges: Any) -> dict[str, Any]:
+    def fresh(name: str, **ranges: Any) -> Episodes:
         own = selection_scenarios(comparison.scenarios)["ranges"]
         scenarios = {"ranges": own | ranges, "seed": FRESH_SEED, "count": FRESH}
-        played = play(specs[name], scenarios, [weight], comparison.environment, lenient=True)
-        columns = {key: values.reshape(-1).astype(float) for key, values in played.items()}
-        columns["cost"] = columns["object_velocity"] + weight * columns["approach_time"]
-        return columns | {"cost": columns["cost"] + task.missed_cost * columns["missed"]}
+        return scenario_batch_of(scenarios, weight, task, lenient=True).play(controller_of(specs[name], weight, task))
 
     played = {name: fresh(name) for name in specs}
-    ours = played[found.controller]
+    costs, ours = {name: each.loss(weight) for name, each in played.items()}, played[found.controller]
     for name, claimed in found.above.items():
-        more = ours["cost"] - played[name]["cost"]
+        more = costs[found.controller] - costs[name]
         # the choice, on 2,000 scenarios, allows 1.96 / sqrt(2) standard errors of these 1,000; chance adds 2.6
         if more.mean() > 4.0 * more.std() / FRESH**0.5:
             yield "recommended is best", f"{name} costs {more.mean():.3f} m/s less than {found.controller}"
-        again = -reduction(means(played[name]["cost"]), means(ours["cost"]))
+        again = -reduction(means(costs[name]), means(costs[found.controller]))
         if abs(again.value - claimed.value) > again.high - again.low + claimed.high - claimed.low:
             yield "claims are true", f"{name} costs {claimed:.3f} more, but {again:.3f} in fresh scenarios"
     for step in ablation.steps_of(results):
@@ -119,28 +116,28 @@ def faults(path: Path, limited: bool) -> Iterator[tuple[str, str]]:
             yield "numbers at equal times", f"{name} takes {min(times):.3f} to {max(times):.3f} s, the rule {at:.3f} s"
     (near, far), named = task.scenario.distance, " ".join(robustness.where_it_fails(results, found.controller))
     for place in ([far, OUTSIDE * far], [near / OUTSIDE, near]):
-        missed = fresh(found.controller, distance=place)["missed"].mean() - ours["missed"].mean()
+        missed = fresh(found.controller, distance=place).missed.mean() - ours.missed.mean()
         if missed > 3.0 * MISSED_TOO_OFTEN and "distance" not in named:
             yield "failures outside are named", f"{100 * missed:.0f} % more are missed at {place} m, but: {named}"
     printed = re.search(
-        r"object ([\d.]+) m/s \(mean\).* after ([\d.]+) s and misses (\d+)", " ".join(check.lines(setup))
+        r"objects at ([\d.]+) m/s \(mean\).* after ([\d.]+) s and misses (\d+)", " ".join(check.lines(setup))
     )
     velocity, time, missed = map(float, printed.groups()) if printed else (np.nan,) * 3
     of_rule = played[PAPER]
     for what, value, values in (
-        ("V_p", velocity, of_rule["object_velocity"][of_rule["missed"] == 0.0]), ("T", time, of_rule["approach_time"]),
-        ("missed", missed / check.SAMPLE, of_rule["missed"]),
+        ("V_p", velocity, of_rule.object_velocity[~of_rule.missed]), ("T", time, of_rule.approach_time),
+        ("missed", missed / check.SAMPLE, of_rule.missed),
     ):  # fmt: skip
         error = (values.std() + 1e-3) * (1.0 / values.size + 1.0 / check.SAMPLE) ** 0.5 if values.size else 0.0
         if values.size and not abs(value - values.mean()) < 4.0 * error + 1e-3:
             yield "check agrees with the report", f"{what} of the rule: {value:g}, but {values.mean():g}"
     if limited:  # 10 % below what the recommended controller reaches without a limit
-        options = replace(options, max_velocity=0.9 * float(np.quantile(ours["object_velocity"], 0.95)))
+        options = replace(options, max_velocity=0.9 * float(np.quantile(ours.object_velocity, 0.95)))
         controller.run(options)
         chosen = json.loads((out / controller.RECOMMENDED).read_text())
         name, weight = chosen["controller"], chosen["time_weight"]
-        rule: Any = None if chosen["kind"] == "policy" else load_baseline(name, weight)
-        player = rule.for_task(task) if rule else load_policy(name)
+        loaded: Any = load_policy(name) if chosen["kind"] == "policy" else load_baseline(name, weight)
+        player = loaded if chosen["kind"] == "policy" else loaded.for_task(task)
         batch = ScenarioBatch(FRESH_SEED, FRESH, task, time_weight=[weight], threads=1, lenient=True)
         (reached,) = options.reached(batch.play(player)).values()
         if reached.low > options.given["max_velocity"]:

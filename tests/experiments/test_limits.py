@@ -7,17 +7,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_up_comparison import COUNT, played
+from made_up_comparison import COUNT, PAPER_TIME, SPEEDS, WEIGHTS, played, run
 from refusal import refused
 
 from agents import tune
 from agents.evaluate.play import play
+from agents.evaluate.scenario_batch import Episodes
 from agents.setups import load_setup
+from agents.setups.evaluation import Evaluation
 from experiments import controller, limits
 from experiments.lab.statistics import Estimate
-from experiments.limits import Attempt, Limits, Search
-from experiments.report.__main__ import ReportOptions, comparisons_of
+from experiments.limits import Attempt, Search
+from experiments.report import choice
 from experiments.report.comparisons import PAPER
+from experiments.report.limits import Limits, front, quantile, read_limited
 from experiments.studies import own_arms
 from impact_gym.task import Task
 
@@ -26,12 +29,12 @@ WHERE = {"scenarios": {"set": "test", "count": 300}, "environment": {}}
 
 def test_quantile_covers_the_true_one_and_counts_misses_as_above():
     samples = np.random.default_rng(0).uniform(size=(400, 300))
-    found = [limits.quantile(each, np.zeros(300, bool), 0.9) for each in samples]
+    found = [quantile(each, np.zeros(300, bool), 0.9) for each in samples]
     assert np.mean([each.low <= 0.9 <= each.high for each in found]) > 0.92
     hundred = np.arange(1.0, 101.0)
-    assert limits.quantile(hundred, hundred > 100, 0.95).value == 95.0
-    assert limits.quantile(hundred, hundred <= 5, 0.95).value == 100.0
-    assert math.isinf(limits.quantile(hundred, hundred <= 6, 0.95).value)
+    assert quantile(hundred, hundred > 100, 0.95).value == 95.0
+    assert quantile(hundred, hundred <= 5, 0.95).value == 100.0
+    assert math.isinf(quantile(hundred, hundred <= 6, 0.95).value)
 
 
 def test_largest_weight_that_keeps_a_limit_is_found():
@@ -72,16 +75,16 @@ RULE, PROFILE = [attempt(2.0, 0.3, 0.9)], [attempt(0.5, 0.8, 0.3), attempt(1.0, 
     ([attempt(1.0, 0.2, 0.6)], "profile", 1.0),
 ])  # fmt: skip
 def test_soonest_within_the_limit_is_taken(policy, name, weight, monkeypatch, tmp_path):
-    chart = tmp_path / "limits.svg"
-    assert search_of(monkeypatch, [RULE, PROFILE, policy], max_velocity=0.5).soonest(chart) == (name, weight)
-    assert "limit: 0.5 m/s" in chart.read_text()
+    limited = read_limited(search_of(monkeypatch, [RULE, PROFILE, policy], max_velocity=0.5).write(tmp_path))
+    assert (limited["controller"], limited["time_weight"]) == (name, weight)
+    assert "limit: 0.5 m/s" in (tmp_path / "limits.svg").read_text()
 
 
 @pytest.mark.parametrize(("limit", "said"), [(0.9, "no controller exceeds the limits"), (0.89, "")])
 def test_limit_above_what_any_controller_does_is_named(limit, said, monkeypatch, tmp_path, capsys):
     tried = [[each._replace(excess=each.quantiles["max_velocity"].high / limit) for each in found]
              for found in (RULE, PROFILE, PROFILE)]  # fmt: skip
-    search_of(monkeypatch, tried, max_velocity=limit).soonest(tmp_path / "limits.svg")
+    search_of(monkeypatch, tried, max_velocity=limit).write(tmp_path)
     assert capsys.readouterr().out.partition(",")[0] == said
 
 
@@ -89,8 +92,8 @@ def test_where_no_controller_keeps_a_limit_help_is_tried(monkeypatch, tmp_path):
     tried = [[attempt(2.0, 0.3, 0.9, 0.2)], [attempt(0.5, 0.8, 0.30001, 0.2)], [attempt(1.0, 0.9, 0.4, 0.2)]]
     helps = [[attempt(0.5, 0.9, value, 0.2)] for value in (0.21234, 0.15, math.inf)]
     search = search_of(monkeypatch, tried, helps, max_velocity=0.2)
-    refused(lambda: search.soonest(tmp_path / "limits.svg"),
-            "keeps V_p of 0.2 m/s for 95 %", "the least is V_p of 0.301 m/s, with the tuned profile",
+    refused(lambda: search.write(tmp_path), "keeps V_p of 0.2 m/s for 95 %",
+            "the least is V_p of 0.301 m/s, with the tuned profile",
             "half as stiff V_p of 0.213 m/s; with half the tool's mass V_p of 0.15 m/s; with twice the time none",
     )  # fmt: skip
 
@@ -108,27 +111,53 @@ def test_baselines_are_tuned_to_both_sides_of_a_limit(border, added, monkeypatch
     assert [float(weight) for weight in weights][2:] == pytest.approx(added, rel=0.01)
 
 
-def test_recommended_file_has_what_the_reports_scenarios_give(tmp_path):
-    setup, weight = load_setup("linear-blind"), 1.0
+def test_page_recommends_by_the_limit_and_shows_it_as_a_line():
+    results, attempts = played(), {"profile": [(0.4, 0.6, True), (0.2, 0.9, False)], PAPER: [(0.3, 1.5, False)]}
+    limited = {"limits": {"max_velocity": 0.7, "share": 0.9}, "controller": "profile", "time_weight": 1.0}
+    results.comparison = replace(results.comparison, limited=limited | {"attempts": attempts}, evaluation=Evaluation(
+        weights=WEIGHTS, typical=1.0))  # fmt: skip
+    results.baselines[PAPER] = run((1.0,), (PAPER_TIME,), (1.0,))
+    found = choice.choice(results)
+    assert (found.controller, found.time_weight) == ("profile", 1.0)
+    reached = np.sort(0.4 * SPEEDS)[math.ceil(0.9 * COUNT) - 1]
+    assert f"90 % of the objects stay at or below V_p of {reached:.3g} [" in found.sentence
+    assert "the limit is V_p of 0.7 m/s" in found.sentence
+    assert "tuned profile (profile) after 0.400 s" in found.reason
+    assert "paper's rule never" in found.reason
+    tight = replace(results.comparison, limited=results.comparison.limited | {"limits": {"max_velocity": 0.3}})
+    assert "a limit is not kept" in choice.choice(replace(results, comparison=tight)).sentence
+    (axes,) = front(results.comparison.limited, results.comparison.labels).figure.axes
+    assert [line.get_ydata()[0] for line in axes.lines if line.get_label() == "limit: 0.7 m/s"] == [0.7]
+
+
+def test_limits_of_another_file_are_refused(tmp_path):
+    for content in ("[]", '{"limits": {}}', "nonsense"):
+        (tmp_path / "limits.json").write_text(content)
+        refused(lambda: read_limited(tmp_path / "limits.json"), "limits.json")
+
+
+def test_quantiles_of_the_recommended_count_misses_as_above():
+    hundred = np.arange(1.0, 101.0)
+    episodes = Episodes(hundred, 2.0 * hundred, 3.0 * hundred, np.ones(100), hundred <= 5.0, {})
+    assert choice.measured(episodes) == {
+        "mean_velocity": 53.0, "p95_velocity": 100.0, "p95_force": 300.0, "p95_time": 200.0, "mean_time": 101.0,
+        "missed": 5,
+    }  # fmt: skip
+    episodes.missed[:6] = True
+    assert choice.measured(episodes)["p95_force"] is None
+
+
+@pytest.mark.parametrize(("best", "kind", "source"), [
+    (PAPER, "rule", "paper-trapezoid"), ("seed-0", "policy", "policies/linear-blind.npz"),
+    ("blind-profile", "baseline", "tuned/blind-profile.json"),
+])  # fmt: skip
+def test_recommended_file_names_what_can_be_loaded(best, kind, source, tmp_path):
     options = controller.ControllerOptions("linear-blind", tmp_path, max_velocity=0.01, share=0.6)
-    page = ReportOptions(setups=("linear-blind",), count=100)
-    for best, kind in ((PAPER, "rule"), ("blind-profile", "baseline"), ("seed-0", "policy")):
-        sentence = controller.write_recommended(setup.path, options, page, best, weight)
-        found = json.loads((tmp_path / "recommended.json").read_text())
-        assert (found["kind"], found["time_weight"], found["limits"]) == (
-            kind,
-            weight,
-            {"max_velocity": 0.01, "share": 0.6},
-        )
-        assert "In these scenarios a limit is not kept." in sentence
-    assert found["controller"] == str(tmp_path / "policies" / "linear-blind.npz")
-    (seed,) = (each.controller for each in comparisons_of(page)[0].seeds if each.name == "seed-0")
-    again = {name: values[0] for name, values in play(seed, WHERE["scenarios"] | {"count": 100}, [weight]).items()
-             if values.ndim == 2}  # fmt: skip
-    for name, measured in (("velocity", "object_velocity"), ("force", "peak_force"), ("time", "approach_time")):
-        assert (again[measured] <= found["measured"][f"p95_{name}"]).sum() == 95
-    assert found["measured"]["mean_time"] == pytest.approx(again["approach_time"].mean())
-    assert found["measured"]["mean_velocity"] == pytest.approx(again["object_velocity"].mean())
+    chosen = {"controller": best, "time_weight": 1.0, "measured": {"missed": 3}}
+    found = json.loads(controller.write_recommended(load_setup("linear-blind").path, options, chosen).read_text())
+    where = str(tmp_path / source) if "/" in source else source
+    assert found == {"controller": where, "kind": kind, "time_weight": 1.0, "measured": {"missed": 3},
+                     "limits": {"max_velocity": 0.01, "share": 0.6}}  # fmt: skip
 
 
 def test_random_arms_are_valid_and_differ():

@@ -88,7 +88,9 @@ def test_scenarios_of_films_are_what_their_phrases_say():
         return number
 
     gain = baseline.object_velocity - policy.object_velocity
-    assert np.sum(policy.object_velocity[touched] < policy.object_velocity[find("median")]) == 149
+    later = policy.approach_time - baseline.approach_time
+    for values in (policy.object_velocity, baseline.object_velocity, later):  # of 299, about 1 is within 0.1 of all
+        assert abs(values[find("typical")] - values[touched].mean()) < 0.3 * values[touched].std()
     for values, lowest, highest in (
         (policy.object_velocity, "lowest v_p", "highest v_p"), (gain, "largest loss", "largest gain"),
         (scenario["object_mass"], "lightest", "heaviest"), (scenario["distance"], "nearest", "farthest"),

@@ -64,9 +64,11 @@ def choose(baseline: Episodes, policy: Episodes) -> dict[str, int]:
     touched_by_both = ~(baseline.missed | policy.missed)
     touched = np.flatnonzero(touched_by_both) if touched_by_both.any() else np.arange(len(touched_by_both))
     ours, gain = policy.object_velocity, baseline.object_velocity - policy.object_velocity
-    ranks = np.argsort(np.argsort(ours[touched], kind="stable"))
+    # how far V_p of both and the time between the touches are from their means, in standard deviations
+    measures = np.stack([ours, baseline.object_velocity, policy.approach_time - baseline.approach_time])[:, touched]
+    off = (measures - measures.mean(axis=1, keepdims=True)) / (measures.std(axis=1, keepdims=True) + 1e-12)
     extremes: dict[str, NDArray[Any]] = {  # the touched scenario with the largest value, if they differ
-        "A typical scenario: the controller's V_p is the median": -np.abs(ranks - (len(touched) - 1) // 2),
+        "A typical scenario: V_p and times are close to their means": -np.abs(off).max(axis=0),
         "The controller's largest gain on the rule": gain[touched],
         "The controller's smallest gain on the rule, or largest loss": -gain[touched],
         "The controller's lowest V_p": -ours[touched],

@@ -26,7 +26,8 @@ function watch(root, gone) {
 
   function rate() {
     const slower = clock.slower(clock.time(film)) / Number(speed.value);
-    return slower >= 1 ? `1/${Math.round(100 * slower) / 100} speed` : `${Math.round(100 / slower) / 100} times speed`;
+    const times = Math.round(100 * Math.max(slower, 1 / slower)) / 100;
+    return times === 1 ? "real speed" : `${times} times ${slower > 1 ? "slower" : "faster"} than real`;
   }
 
   function say(soon) {
@@ -103,7 +104,7 @@ function watch(root, gone) {
     const when = Math.abs(late) < 0.5 ? "at the same time"
       : `${Math.abs(late).toFixed(0)} ms ${late > 0 ? "later" : "sooner"}`;
     const than = policy.object_velocity < baseline.object_velocity ? "slower (gentler)" : "faster (less gentle)";
-    return `Here the object leaves ${percent} % ${than} with the ${policy.name}; touch ${when}.`;
+    return `This one object leaves ${percent} % ${than} with the ${policy.name}; touch ${when}.`;
   }
 
   function marks() {
