@@ -9,16 +9,16 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import polars as pl
 
 from agents.jobs import cached
+from impact_gym.parameters import SI, Options
 from impact_gym.support.archive import checksum
 from impact_gym.support.files import locked, whole_file, write_file
 from impact_gym.support.provenance import digest_of, machine_and_versions, revision
 from impact_gym.support.sources import compiled_from
-from impact_gym.support.validation import whole
 
 if TYPE_CHECKING:
     from experiments.lab.parts import Section, Tab
@@ -87,7 +87,7 @@ class Study:
 
 
 @dataclass(frozen=True)
-class RunOptions:
+class RunOptions(Options):
     """Where a command measures, and what it writes."""
 
     out: Path | None = None
@@ -95,7 +95,7 @@ class RunOptions:
     --quick."""
     force: bool = False
     """Measure all cells again and write the page again, even if they are up to date."""
-    processes: int | None = None
+    processes: Annotated[int | None, SI("-", at_least=0)] = None
     """Largest number of cells that the command measures at the same time on this machine. The default is
     the number of cores. 0: this process measures all cells."""
     cluster: str | None = None
@@ -103,10 +103,6 @@ class RunOptions:
     module of each module:object must be installed on all nodes."""
     results: Path | None = None
     """Folder (docs/results) for the tables that the documentation shows, as CSV files."""
-
-    def __post_init__(self) -> None:
-        if self.processes is not None:
-            whole("processes", self.processes, at_least=0)
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import tyro
 
@@ -14,6 +14,7 @@ from agents.setups.evaluation import RESERVED
 from agents.setups.keys import prefixed_errors
 from experiments.lab.study import Measurement, RunOptions, Study, run
 from experiments.report.comparisons import Comparison, of_policies, of_setup
+from impact_gym.parameters import SI
 from impact_gym.support.command_line import command_of, run_command
 from impact_gym.support.files import parsed
 from impact_gym.support.provenance import digest_of
@@ -51,10 +52,10 @@ class ReportOptions(RunOptions):
     """Scenarios to play instead of the usual scenarios. Give the name or the CSV file of a fixed set of scenarios,
     or a JSON file {"ranges": {...}, "seed": s, "count": n, "environment": {...}}. The JSON file may leave out any key.
     "environment" holds arguments of gym.make, for example your tool and coupling."""
-    count: int | None = None
+    count: Annotated[int | None, SI("-", at_least=2)] = None
     """Number of scenarios. Without this option, the number comes from the JSON file (1000 if "count" is missing), the
     fixed set, or the set-up."""
-    time_weight: float | None = None
+    time_weight: Annotated[float | None, SI("m/s per s", above=0)] = None
     """Cost of a second until the touch, in m/s of the object's final velocity. The page recommends the simplest
     controller whose mean cost is not significantly above the lowest. Without this option, the value is
     `evaluation.typical` of the set-up (2 by default)."""
@@ -63,10 +64,6 @@ class ReportOptions(RunOptions):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.count is not None:
-            whole("count", self.count, at_least=2)
-        if self.time_weight is not None:
-            number("time_weight", self.time_weight, "m/s per s", above=0)
         if self.setups and self.policy:
             raise ValueError("name set-ups or policies, not both")
         if self.baseline and not self.policy:
