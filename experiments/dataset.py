@@ -30,6 +30,7 @@ from agents.setups import Setup, load_setup, shipped_baselines
 from agents.setups.tuned import read_tuned
 from experiments.play import attempts
 from impact_gym.envs import IDS
+from impact_gym.parameters import Count, Index, Options
 from impact_gym.support.command_line import run_command
 from impact_gym.support.files import UNFINISHED, parsed, reason, remove_unfinished, write_file
 from impact_gym.support.provenance import revision
@@ -49,7 +50,7 @@ Players = Callable[[float], Controller]  # returns the controller for an episode
 
 
 @dataclass(frozen=True)
-class DatasetOptions:
+class DatasetOptions(Options):
     """Record episodes as Minari datasets, or check a dataset.
 
     From a set-up, the command makes a dataset for each player (controller) in --who. From a folder of tries, which
@@ -62,16 +63,16 @@ class DatasetOptions:
     who: tuple[str, ...] = tuple(PLAYERS)
     """Players: rule (the paper's rule), profile (the first baseline in the set-up's `against`), policy (the set-up's
     policy), the name of another baseline, or MODULE:OBJECT. OBJECT must have the method `predict`."""
-    episodes: int = 1000
+    episodes: Count = 1000
     """Number of episodes that each player plays."""
-    seed: int = SEED
+    seed: Index = SEED
     """Seed of the first episode. Each later episode has the next seed."""
     operator: Path | None = None
     """File to write from a folder of tries, instead of a dataset. It contains the table [environment.operator] of a
     set-up: an operator who replays a randomly chosen try in each episode."""
     include_marked: FlagCreatePairsOff[bool] = False
     """Also use tries that impact-gym play marked as interrupted or not timed right."""
-    version: int = 0
+    version: Index = 0
     """Last part of the dataset's id."""
     author: str = metadata("impact-gym")["Author"] or ""
     """Author of the dataset."""
@@ -81,9 +82,7 @@ class DatasetOptions:
     """Play a dataset's episodes again, and check that observations, rewards, terminations and truncations are equal."""
 
     def __post_init__(self) -> None:
-        whole("episodes", self.episodes, at_least=1)
-        for name in ("seed", "version"):
-            whole(name, getattr(self, name), at_least=0)
+        super().__post_init__()
         distinct("who", self.who)
 
 

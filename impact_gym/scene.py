@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 from impact_gym.couplings import COUPLINGS, Coupling, Rigid
 from impact_gym.parameters import Parameters
 from impact_gym.quantities import BY_PATH
-from impact_gym.support.validation import choice, number, one_of
+from impact_gym.support.validation import number, one_of
 
 Dissipation = Literal[
     "hu-guo", "exact", "hunt-crossley", "lankarani-nikravesh", "herbert-mcwhannell", "gonthier", "flores", "fixed"
@@ -80,7 +80,6 @@ class Contact(Parameters, path="contact"):
         quantity, unit = BY_PATH["contact.stiffness"], f"N/m^{self.stiffness_exponent:g}"
         stiffness = number("Contact.stiffness", self.stiffness, unit, **quantity.limits._asdict())
         object.__setattr__(self, "stiffness", stiffness)
-        choice("Contact.dissipation", self.dissipation, LAWS)
 
     def fits(self) -> Any:
         """Return whether the damping force is defined for the exponents; they may be arrays."""

@@ -1,10 +1,11 @@
 """The class `Setup`, and functions that read the file of a set-up."""
 
+import pickle
 import tomllib
 from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -128,53 +129,37 @@ def setup_tuning(baseline: str, setup: Setup | None = None) -> Setup | None:
 def load_setup(name_or_path: str | Path) -> Setup:
     """Return a shipped set-up, by name, or the set-up in a file. TypeError, ValueError: it is missing or invalid."""
     path = named_file("set-up", name_or_path, SHIPPED, ".toml").resolve()
-    setup, files = _LOADED.get(path, (None, {}))
-    if setup is None or any(_version(file) != version for file, version in files.items()):
-        identifier("name of a set-up's file", path.stem)
-        content = _read(path, files := {})
-        with prefixed_errors(str(path)):
-            setup = _setup(path, content)
-        if len(_LOADED) == MOST_LOADED:
-            _LOADED.clear()
-        _LOADED[path] = setup, files
-    return deepcopy(setup)
+    identifier("name of a set-up's file", path.stem)
+    content, beside = _read(path), SHIPPED / path.name
+    own = not (beside.is_file() and beside.read_bytes() == path.read_bytes())
+    with prefixed_errors(str(path)):
+        return deepcopy(_setup(path, own, pickle.dumps(content)))
 
 
-MOST_LOADED = 64  # largest number of set-ups in _LOADED
-_LOADED: dict[Path, tuple[Setup, dict[Path, Any]]] = {}
-"""Each set-up that was loaded, and the `_version` of every file that was read for it."""
-
-
-def _version(path: Path) -> Any:
-    """Return what changes if a file is edited, replaced or removed."""
-    return (about.st_ino, about.st_size, about.st_mtime_ns) if path.is_file() and (about := path.stat()) else None
-
-
-def _read(path: Path, files: dict[Path, Any], extended: tuple[Path, ...] = ()) -> dict[str, Any]:
-    """Return the content of a file, and add the `_version` of every file that is read to `files`.
-
-    The INHERITED tables also get the keys of the set-up that `extends` names.
-    """
-    files[path] = _version(path)
+def _read(path: Path, extended: tuple[Path, ...] = ()) -> dict[str, Any]:
+    """Return the content of a file; the INHERITED tables also get the keys of the set-up that `extends` names."""
     content: dict[str, Any] = parsed(path, "TOML", tomllib.loads)
     with prefixed_errors(str(path)):
-        _read_delays(table(content, "environment"), path.parent, files)
+        _read_delays(table(content, "environment"), path.parent)
         mixed = table(content, "training").get("mixed", [])
         for place, part in enumerate(mixed if isinstance(mixed, list) else []):
             if isinstance(part, dict):
                 with prefixed_errors(f"training.mixed[{place}]"):
-                    _read_delays(part, path.parent, files)
+                    _read_delays(part, path.parent)
         if "extends" in content:
             beside = path.parent / (name := text(content, "extends", ""))
             base = named_file("set-up", beside if name.endswith(".toml") else name, SHIPPED, ".toml").resolve()
             if base in (*extended, path):
                 raise ValueError(f"extends must name a set-up that does not extend this one, got {name!r}")
-            inherited = _read(base, files, (*extended, path))
+            inherited = _read(base, (*extended, path))
             content |= {each: {**table(inherited, each), **table(content, each)} for each in INHERITED}
     return content
 
 
-def _setup(path: Path, content: dict[str, Any]) -> Setup:
+@lru_cache(maxsize=64)  # by content, because checking a set-up takes ten times as long as reading its files
+def _setup(path: Path, own: bool, packed: bytes) -> Setup:
+    """Return the set-up with the pickled content of the file; `own`: whether the file is a user's."""
+    content = pickle.loads(packed)
     version = content.get("version", VERSION)
     if version != VERSION:
         raise ValueError(
@@ -196,8 +181,6 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
     if not isinstance(against, list) or not all(isinstance(name, str) for name in against):
         raise ValueError(f"baselines.against must be a list of names, got {shown(against)}")
     distinct("baselines.against", against)
-    beside = SHIPPED / path.name
-    own = not (beside.is_file() and beside.read_bytes() == path.read_bytes())
     if own and against:
         rules = {each.rule.__name__ for each in tuned.values()}
         missing = {f"{path.stem}-{end}": rule for end, rule in SIMPLE.items() if rule not in rules}
@@ -223,12 +206,11 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
     return setup
 
 
-def _read_delays(environment: dict[str, Any], folder: Path, files: dict[Path, Any]) -> None:
+def _read_delays(environment: dict[str, Any], folder: Path) -> None:
     """Replace each channel's `trace`, a path relative to the set-up's `folder`, by the rows of that file."""
     for way in WAYS:
         if isinstance(channel := environment.get(way), dict) and isinstance(trace := channel.get("trace"), str):
             with prefixed_errors(f"environment.{way}"):
-                files[folder / trace] = _version(folder / trace)
                 channel["trace"] = [list(row) for row in zip(*columns_of(folder / trace), strict=True)]
 
 

@@ -10,8 +10,8 @@ from agents.evaluate import play as jobs
 from agents.evaluate.scenario_batch import MEASURED
 from experiments.lab.statistics import Floats, Front, Resamples
 from experiments.lab.study import Cell, Row
+from impact_gym.task import Task
 from impact_gym.task.scenario import FIELDS
-from impact_gym.task.task import MISSED_COST
 
 # modules on which the result of `play` depends
 PLAYED = ("impact_gym", "agents.baselines", "agents.evaluate", "agents.policies.networks", "agents.policies.policy",
@@ -38,7 +38,8 @@ def play(
     columns: dict[str, Any] = {"weight": weight, "episode": np.arange(shape[1])}
     columns |= {name: results[name] for name in (*FIELDS, *MEASURED) if name in results}
     columns["cost"] = results["object_velocity"] + weight * results["approach_time"]
-    columns["cost"] += missed_cost(environment) * results["missed"]  # added last, to round as `Episodes.loss` does
+    # misses last, to round as `Episodes.loss` does
+    columns["cost"] += environment.get("missed_cost", Task.missed_cost) * results["missed"]
     return pl.DataFrame({name: np.broadcast_to(values, shape).ravel() for name, values in columns.items()})
 
 
@@ -59,8 +60,3 @@ def front_of(frame: pl.DataFrame, resamples: Resamples) -> Front:
     names = ("approach_time", "object_velocity", "missed")
     times, velocities, missed = (np.stack([sample(rows, name) for rows in each], axis=1) for name in names)
     return resamples.means(times), resamples.means_where(velocities, missed == 0.0)
-
-
-def missed_cost(environment: Mapping[str, Any]) -> float:
-    """Return the cost of a miss in an environment, m/s."""
-    return float(environment.get("missed_cost", MISSED_COST))

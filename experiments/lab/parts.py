@@ -93,10 +93,9 @@ class Tab:
     about: str = ""  # what the recommended controller does
 
 
-def percent(share: Estimate, digits: int = 1) -> str:
+def percent(share: Estimate) -> str:
     """Return a fraction and its interval as text, in percent."""
-    value, low, high = (f"{100 * each:.{digits}f}" for each in (share.value, share.low, share.high))
-    return f"{value} % [{low}, {high}]"
+    return f"{100 * share.value:.1f} % [{100 * share.low:.1f}, {100 * share.high:.1f}]"
 
 
 def tables_of(sections: Iterable[Section]) -> Iterator[Table]:

@@ -7,7 +7,7 @@ import subprocess
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import tyro
@@ -16,29 +16,25 @@ from agents.evaluate.scenario_batch import ScenarioBatch
 from agents.export.c_header import c_text, identifier, write_header
 from agents.export.documentation import Exported, of_name
 from experiments.loop.arm import MAGIC, SILENCE, serve
+from impact_gym.parameters import SI, Options
 from impact_gym.support.command_line import run_command
 from impact_gym.support.files import write_file
-from impact_gym.support.validation import number
 
 SEED = 8_000_000  # seed of the first approach
 
 
 @dataclass(frozen=True)
-class Loop:
+class Loop(Options):
     """Export a controller to C, and let it steer a simulated arm in another process at 1 kHz, over UDP."""
 
     controller: tyro.conf.Positional[str]
     """Name of a policy or baseline, or its file, as for impact-gym export."""
     out: Path
     """Folder for the header, the loop in C, the compiled program, and the measurements."""
-    seconds: float = 60.0
+    seconds: Annotated[float, SI("s", above=0, at_most=900)] = 60.0
     """Duration, s. An approach that begins within this time is played to its end."""
-    time_weight: float = 2.0
+    time_weight: Annotated[float, SI("m/s per s", above=0)] = 2.0
     """Cost of a second of approach, m/s per s."""
-
-    def __post_init__(self) -> None:
-        number("seconds", self.seconds, "s", above=0.0, at_most=900.0)
-        number("time_weight", self.time_weight, "m/s per s", above=0.0)
 
 
 def compiled(exported: Exported, name: str, out: Path) -> Path:

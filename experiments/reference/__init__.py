@@ -1,8 +1,7 @@
 """The slow and simple independent solver, with which tests and studies compare the solver of `impact_gym`.
 
-All modules except `task` import nothing from `impact_gym`; they read the attributes of scene and motion. Events divide
-a motion into phases with smooth equations, see `chain.Chain.switches`. All numbers are SI. The tolerances of a contact
-are relative to
+It imports nothing from `impact_gym`, and reads the attributes of scene and motion. Events divide a motion into phases
+with smooth equations, see `chain.Chain.switches`. All numbers are SI. The tolerances of a contact are relative to
 
     length: delta0 = (M v_in^2/k_c)^(1/(m+1)),    time: t0 = delta0/v_in,    force: F0 = k_c delta0^m = M v_in/t0,
 

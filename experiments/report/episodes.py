@@ -191,7 +191,7 @@ class ComparisonResults:
     def of_rows(cls, comparison: Comparison, rows: pl.DataFrame) -> "ComparisonResults":
         """Return the results of a comparison in the rows of `measured`."""
         rows, varied = rows.filter(comparison=comparison.name), pl.col("part") == "varied"
-        results, charge = cls(comparison, varied=rows.filter(varied)), grid.missed_cost(comparison.environment)
+        results, charge = cls(comparison, varied=rows.filter(varied)), Task(**comparison.environment).missed_cost
         for (part, name, weight), each in grid.groups(rows.filter(~varied), "part", "contestant", "weight"):
             measured = (column for column in MEASURED if column in rows.columns and not each[column].has_nulls())
             arrays = {column: each[column].to_numpy() for column in measured}

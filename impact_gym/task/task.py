@@ -4,16 +4,17 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
-from typing import Any, Self, get_args
+from typing import Annotated, Any, Literal, Self, get_args
 
 from impact_gym import sensors
 from impact_gym.couplings import COUPLINGS, SpringDamper, warn_of_stroke
 from impact_gym.kernels import RECORD
 from impact_gym.pack import indices
+from impact_gym.parameters import SI, Options
 from impact_gym.quantities import AFTER_ALARM, HORIZON, PAST_READINGS, QUANTITIES, SET_UP
 from impact_gym.scene import Contact, Robot
 from impact_gym.support.dotted_paths import get, grouped
-from impact_gym.support.validation import Range, WrongTypeError, choice, flag, number, one_of, shown, whole
+from impact_gym.support.validation import Range, WrongTypeError, number, one_of, shown
 from impact_gym.task.action import ActionSpec
 from impact_gym.task.range_sensor import RangeSensor
 from impact_gym.task.reach import reach, usual_horizon
@@ -26,10 +27,6 @@ VELOCITY_RANGE = (-0.5, 1.5)  # m/s, default of the argument `velocity_range`
 ACCELERATION_RANGE = (1.0, 20.0)  # m/s^2, default of the argument `acceleration_range`
 MISSED_COST = 2.0  # m/s, default of the argument `missed_cost`
 SETTLE_LIMIT = 10.0  # s, longest simulation after the end of an episode
-SINGLE_NUMBERS = (
-    "force_weight", "control_period", "rtol", "horizon", "after_alarm", "missed_cost", "force_limit", "velocity_limit",
-)  # fmt: skip
-"""Arguments that are always one number, never a range."""
 MOST_STEPS = 2**53  # largest value of `max_episode_steps`
 PLACES = indices(RECORD)
 """Index of each number of an episode, by id, in the compiled record RECORD."""
@@ -48,7 +45,7 @@ def argument(default: Any, words: str) -> Any:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Task:
+class Task(Options):
     """The checked arguments of all environment classes.
 
     A number of the set-up may be a pair (low, high), from which each episode draws. Then `drawn` has the pair, and the
@@ -59,17 +56,19 @@ class Task:
     coupling: Any = argument(SpringDamper(50.0, 1.0), "how the tool is mounted on the flange; or a dict")
     tool_mass: Any = argument(0.125, "")
     time_weight: Any = argument(2.0, "cost of a second of approach; a pair is a range for log-uniform draws")
-    force_weight: float = argument(0.0, "")
+    force_weight: Annotated[float, QUANTITIES["force_weight"]] = argument(0.0, "")
     reaction_delay: Any = argument(0.016, "delay from sensor to controller; a pair is a range for uniform draws")
-    control_period: float = argument(0.016, "")
+    control_period: Annotated[float, QUANTITIES["control_period"]] = argument(0.016, "")
     velocity_range: Range = argument(VELOCITY_RANGE, "")
     acceleration_range: Range = argument(
         ACCELERATION_RANGE,
         "range of the second number of an action; after the episode the flange brakes at the range's upper end",
     )
-    alarm: str = argument("force", 'or "reading": source of the alarm, see Observation Space')
+    alarm: Literal["force", "reading"] = argument("force", 'or "reading": source of the alarm, see Observation Space')
     alarm_threshold: Any = argument(1.0, "")
-    dissipation: str = argument("hu-guo", 'or "exact" or "fixed": how damping follows from restitution, see `Contact`')
+    dissipation: Literal["hu-guo", "exact", "fixed"] = argument(
+        "hu-guo", 'or "exact" or "fixed": how damping follows from restitution, see `Contact`'
+    )
     reference_velocity: float | None = argument(None, 'm/s, velocity at which "fixed" gives the restitution; None: 1')
     friction: Any = argument(None, "coefficient of friction under the object; None: no friction")
     range_noise: Any = argument(None, "standard deviation of a distance estimate; None: no estimate")
@@ -79,22 +78,30 @@ class Task:
     force_noise: Any = argument(0.0, "")
     force_bias: Any = argument(0.0, "")
     deflection_sensor: bool = argument(False, "observe how far the tool is displaced on its coupling")
-    past_readings: int = argument(0, f"number of earlier readings to observe, at most {PAST_READINGS}")
+    past_readings: Annotated[int, SI("-", at_least=0, at_most=PAST_READINGS)] = argument(
+        0, f"number of earlier readings to observe, at most {PAST_READINGS}"
+    )
     privileged: bool = argument(False, "also observe true values for a critic, see Observation Space")
     robot: Any = argument(None, "a compliant `Robot`, or a dict; None: a rigid one")
-    rtol: float = argument(1e-8, "relative error allowed in a contact, see `simulate`")
-    horizon: Any = argument(
+    rtol: Annotated[float, QUANTITIES["rtol"]] = argument(1e-8, "relative error allowed in a contact, see `simulate`")
+    horizon: Annotated[float, QUANTITIES["horizon"]] = argument(
         None,
         "end of an episode without an alarm; None: time to the farthest object at 1/5 of the top speed, 1.2 or more",
     )
-    after_alarm: float = argument(AFTER_ALARM, "from the alarm to the end of an episode")
-    missed_cost: float = argument(MISSED_COST, "cost of an object that was not touched")
-    force_limit: float | None = argument(None, "")
-    velocity_limit: float | None = argument(None, "")
+    after_alarm: Annotated[float, QUANTITIES["after_alarm"]] = argument(
+        AFTER_ALARM, "from the alarm to the end of an episode"
+    )
+    missed_cost: Annotated[float, QUANTITIES["missed_cost"]] = argument(
+        MISSED_COST, "cost of an object that was not touched"
+    )
+    force_limit: Annotated[float | None, QUANTITIES["force_limit"]] = argument(None, "")
+    velocity_limit: Annotated[float | None, QUANTITIES["velocity_limit"]] = argument(None, "")
     operator: Any = argument(None, "operator, see `impact_gym.operators`, or a dict; None: the controller alone")
     uplink: Any = argument(None, "`Channel` of the operator's commands, or a dict; None: without delay or loss")
     downlink: Any = argument(None, "`Channel` of the operator's view, or a dict; None: without delay or loss")
-    max_episode_steps: int | None = argument(None, "control steps after which an episode is truncated")
+    max_episode_steps: Annotated[int | None, SI("-", at_least=1, at_most=MOST_STEPS)] = argument(
+        None, "control steps after which an episode is truncated"
+    )
 
     drawn: Mapping[str, Range] = field(init=False, hash=False)  # ranges of the set-up's drawn numbers, by id
     link: Link | None = field(init=False, repr=False, compare=False, default=None)  # None: there is no operator
@@ -112,6 +119,7 @@ class Task:
         return self
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         drawn: dict[str, Range] = {}  # `checked`: all arguments except those left at the default None
         checked = [name for name in ARGUMENTS if getattr(Task, name) is not None or getattr(self, name) is not None]
         self._put("scenario", ScenarioRanges.of(self.scenario))
@@ -131,9 +139,6 @@ class Task:
                 unit = QUANTITIES[name].unit
                 raise ValueError(f"{name} must be a pair (low, high) in {unit}, low below high, got {shown(value)}")
             self._put(name, low if low == high else (low, high))
-        for name in SINGLE_NUMBERS:
-            if name in checked:
-                self._put(name, QUANTITIES[name].check(getattr(self, name)))
         self._put("drawn", {row.id: drawn[row.id] for row in SET_UP if row.id in drawn})
         if self.velocity_range[1] <= 0.0:
             raise ValueError(f"velocity_range must end above 0 m/s, got {self.velocity_range}")
@@ -206,13 +211,8 @@ class Task:
         object.__setattr__(self, name, value)
 
     def _check_choices(self) -> None:
-        choice("dissipation", self.dissipation, ("hu-guo", "exact", "fixed"))
-        choice("alarm", self.alarm, ("force", "reading"))
-        law: Any = self.dissipation
-        contact = Contact(1.0, 1.0, law, reference_velocity=self.reference_velocity)
+        contact = Contact(1.0, 1.0, self.dissipation, reference_velocity=self.reference_velocity)
         self._put("reference_velocity", contact.reference_velocity)
-        for name in ("deflection_sensor", "privileged", "observe_range_noise"):
-            flag(name, getattr(self, name))
         if self.deflection_sensor and self.coupling.fixed:
             raise ValueError("deflection_sensor must be False with a Rigid coupling, which has no deflection")
         if self.range_noise is None and (self.observe_range_noise or self.range_bias or "range_bias" in self.drawn):
@@ -222,11 +222,6 @@ class Task:
             if self.range_noise is not None:
                 raise ValueError(f"range_noise must be None with a range_sensor, got {self.range_noise:g} m")
             number("range_sensor.delay", self.longest("range_sensor.delay"), "s", at_most=self.horizon)
-        self._put("past_readings", whole("past_readings", self.past_readings, at_least=0))
-        number("past_readings", self.past_readings, "-", at_most=PAST_READINGS)
-        if self.max_episode_steps is not None:
-            self._put("max_episode_steps", whole("max_episode_steps", self.max_episode_steps, at_least=1))
-            number("max_episode_steps", self.max_episode_steps, "-", at_most=MOST_STEPS)
 
     def _check_reach(self) -> None:
         near, far = self.scenario.distance

@@ -7,6 +7,7 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 import pytest
+import reference_task as slow
 from episode_runs import ID, PAPERS_SPRING, ROBOT, SLOW, Always, Given, by_path, encode, play, steps
 from scipy import stats
 from solver_scenes import scene
@@ -16,7 +17,6 @@ from agents.baselines import PaperTrapezoid
 from agents.baselines.detector import DETECTOR, DetectorProfile
 from agents.evaluate.scenario_batch import ScenarioBatch
 from agents.setups import load_setup
-from experiments.reference import task as slow
 from impact_gym.envs.batch import Batch
 from impact_gym.task import ObservationSpec, Task, evaluation_sets
 from impact_gym.task.range_sensor import RangeSensor

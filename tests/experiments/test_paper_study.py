@@ -9,7 +9,7 @@ from experiments.lab.parts import Table
 from experiments.lab.results import read
 from experiments.lab.study import frame_of
 from experiments.studies.paper import FIGURES, STUDY
-from experiments.studies.paper.models import WRONG
+from experiments.studies.paper.runs import WRONG
 from experiments.studies.paper.statements import Verdict
 
 APART = {  # the statements that do not agree; the page has the reason of each

@@ -1,9 +1,9 @@
 """The study `paper`: the paper's figures, computed with our model, and verdicts on the paper's statements.
 
-There is a module for each of the sections 2 to 5 of the paper, and one for claims that no figure shows. For each figure
-a module has a function that computes its table, one that judges the statements about it, and one that draws it if it is
-in the paper. statements.toml has the texts of the statements. The functions that compute take a model; `models.WRONG`
-has wrong models, which contradict the statements.
+There is a module for the sections 2 and 3 of the paper, one for 4 and 5, and one for claims that no figure shows. For
+each figure a module has a function that computes its table, one that judges the statements about it, and one that draws
+it if it is in the paper. statements.toml has the texts of the statements. The functions that compute take a model;
+`runs.WRONG` has wrong models, which contradict the statements.
 """
 
 from collections.abc import Sequence
@@ -12,15 +12,11 @@ import polars as pl
 
 from experiments.lab.parts import Section, Table
 from experiments.lab.study import SOLVER, Cell, Findings, Frames, Measurement, Study
-from experiments.studies.paper import beyond, section_2, section_3, section_4, section_5, values
+from experiments.studies.paper import beyond, compliant_tool, fixed_tool, values
 from experiments.studies.paper.statements import Verdict
 
-FIGURES = {
-    figure.name: figure for module in (section_2, section_3, section_4, section_5, beyond) for figure in module.FIGURES
-}
-DEPENDS = (*SOLVER, "impact_gym.robot", "experiments.lab.scenes", *(
-    f"experiments.studies.paper.{name}" for name in ("models", "runs", "statements")
-))  # fmt: skip
+FIGURES = {figure.name: figure for module in (fixed_tool, compliant_tool, beyond) for figure in module.FIGURES}
+DEPENDS = (*SOLVER, "experiments.lab.scenes", "experiments.studies.paper.runs", "experiments.studies.paper.statements")
 
 
 def analyse(frames: Frames, quick: bool) -> Findings:

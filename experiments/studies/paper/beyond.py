@@ -11,8 +11,7 @@ import impact_gym as ig
 from experiments.lab import scenes
 from experiments.lab.scenes import BISTABLE, BRAKE, CONSTANT_SPEED, LINEAR, MOTION, OBJECT_MASS, scene
 from experiments.lab.study import Row
-from experiments.studies.paper.models import PAPER, Model
-from experiments.studies.paper.runs import where
+from experiments.studies.paper.runs import PAPER, Model, where
 from experiments.studies.paper.statements import Figure, Finding
 from impact_gym.couplings import Coupling
 

@@ -67,7 +67,7 @@ class Statement:
 class Figure:
     """A figure: the function that computes its table for a model, findings about it, and its picture."""
 
-    measure: Callable[..., Rows]  # its only argument is a `models.Model`, by default the paper's
+    measure: Callable[..., Rows]  # its only argument is a `runs.Model`, by default the paper's
     findings: Callable[[pl.DataFrame], Iterator[Finding]]
     picture: Callable[[pl.DataFrame, str], Picture] | None = None  # from the table and its name
 

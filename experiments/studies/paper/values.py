@@ -10,7 +10,7 @@ from scipy.optimize import bisect
 import impact_gym as ig
 from experiments.lab import scenes
 from experiments.lab.scenes import BISTABLE, BRAKE, HEAVY_MASS, HOLD, MOTION, ROBOT, ROBOT_AND_TOOL, scene
-from experiments.studies.paper.models import PAPER, Model
+from experiments.studies.paper.runs import PAPER, Model
 from impact_gym.robot import IMPACT, default_approach
 
 

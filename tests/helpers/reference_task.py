@@ -5,48 +5,44 @@ operator, no range sensor, no noise of the force and no ranges of the set-up; fr
 coupling without stops. Set OPENBLAS_NUM_THREADS=1: more threads make small products of matrices up to 25 times as slow.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import cos, inf, log, log1p, pi, sqrt
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 import impact_gym as ig
 from experiments.reference.chain import Chain
 from experiments.reference.command import Command
 from experiments.reference.motion import Motion
-from impact_gym.task import ObservationSpec, Task
+from impact_gym.task import ObservationSpec
 from impact_gym.task.episodes import first_uniforms
 from impact_gym.task.task import SETTLE_LIMIT
 
 RTOL = 1e-10  # relative tolerance in contacts
 FLOOR = 1e-12  # m/s, `Motion.floor`, as in the environment
 ROUNDING = 1e-9  # s, allowed rounding error of a time
-# functions by `Scale.curve`; before scaling, `_observe` applies the function to the value and to both limits
-CURVES: dict[str, Callable[[float], float]] = {"linear": float, "log": log, "log1p": log1p}
+# functions by `Scale.curve`; before scaling, `_scaled` applies the function to the value and to both limits
+CURVES = {"linear": float, "log": log, "log1p": log1p}
 
 
 class Outcome(NamedTuple):
     """Result of an episode; the numbers have the same meaning as in the environment's last `info`."""
 
-    observations: NDArray[np.float32]  # (steps, n_obs), without the last one
+    observations: np.ndarray  # (steps, n_obs), without the last one
     object_velocity: float  # m/s, V_p
     approach_time: float  # s
     peak_force: float  # N
     contact_count: int
 
 
-def play(
-    task: Task, scenario: Mapping[str, float], actions: Iterable[Sequence[float]], seed: int | None = None
-) -> Outcome:
+def play(task, scenario, actions, seed=None):
     """Play actions, each two numbers from -1 to 1, until the episode ends.
 
     `scenario`: object_mass (kg), contact_stiffness (N/m^1.5), restitution, distance (m). The time weight is 1. `seed`
     of the estimated distance; None: the estimate is exact.
     """
     tool, target = ig.Tool(task.tool_mass), ig.Object(scenario["object_mass"], scenario["distance"], task.friction)
-    law: dict[str, Any] = {"dissipation": task.dissipation, "reference_velocity": task.reference_velocity}
+    law = {"dissipation": task.dissipation, "reference_velocity": task.reference_velocity}
     contact = ig.Contact(scenario["contact_stiffness"], scenario["restitution"], **law)
     command = Command(threshold=task.alarm_threshold)
     chain = Chain(ig.Scene(tool, target, contact, task.coupling, task.robot), command)
@@ -107,7 +103,7 @@ def play(
     return Outcome(np.array(observations), velocity, approach_time, motion.peak_force, len(motion.onsets))
 
 
-def _observation_times(task: Task, alarm: float, by_reading: bool) -> list[float]:
+def _observation_times(task, alarm, by_reading):
     """Return times (s) of observations and of the episode's end. Unless `by_reading`, periods restart at the alarm."""
     end, period = task.horizon if alarm == inf else alarm + task.after_alarm, task.control_period
     start = 0.0 if alarm == inf or by_reading else alarm
@@ -115,7 +111,7 @@ def _observation_times(task: Task, alarm: float, by_reading: bool) -> list[float
     return before + [start + k * period for k in range(1, 1 + int((end - ROUNDING - start) / period))] + [end]
 
 
-def _scaled(spec: ObservationSpec, values: Mapping[str, Any]) -> NDArray[np.float32]:
+def _scaled(spec, values):
     scaled = []
     for entry in spec.entries:
         scale = entry.scale
