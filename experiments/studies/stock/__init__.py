@@ -108,7 +108,7 @@ def scores(setup: str) -> list[Row]:
     task, tuned = Task(**IDS[PLAYED[setup]]), load_setup(setup).against[0]
     names = ("random", "operator-alone" if task.operator else "paper-trapezoid", tuned)
     rules = (controller_of({"baseline": name}, WEIGHT, task) for name in names)
-    rows = []
+    rows = list[Row]()
     for name, controller in zip(("random", *COMPARED), (*rules, load_policy(setup)), strict=True):
         episodes = played(controller, task)
         mean = -float(episodes.loss(WEIGHT).mean())
