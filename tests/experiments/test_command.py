@@ -108,7 +108,7 @@ def test_command_of_options_is_read_into_the_same_options(name, options):
 def test_command_line_says_in_one_line_what_went_wrong(capsys):
     for error, said in (
         (ValueError("no such thing"), r"impact-gym tune: no such thing$"),
-        (ModuleNotFoundError("no yaml"), r"tune: .*yaml.*pip install 'impact-gym\[train"),
+        (ModuleNotFoundError("no yaml"), r"tune: .*yaml.*pip install 'impact-gym\[all"),
         (OSError(ENOSPC, "full"), r"tune: .*a file.*make room: go on$"), (KeyboardInterrupt(), "130"),
     ):  # fmt: skip
         with pytest.raises(SystemExit, match=said), command_line("tune", "go on"):
