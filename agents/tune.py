@@ -71,8 +71,8 @@ class Tune(Options):
     out: Path | None = None
     """Folder for the files of the tuned baselines. The default is the folder of the shipped baselines for a shipped
     set-up, and runs/NAME/tuned for another set-up."""
-    jobs: Path = Path("runs/tune")
-    """Folder in which the command stores finished searches."""
+    jobs: Path | None = None
+    """Folder in which the command stores finished searches. The default is OUT/searches with --out, else runs/tune."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -112,7 +112,8 @@ class Tune(Options):
     ) -> None:
         """Call `search` with each of `arguments`, and `done` with each index and result."""
         where: dict[str, Any] = {"processes": self.processes, "cluster": self.cluster, "title": title}
-        cached(search, arguments, self.jobs, depends=digest_of(*SEARCHED) if arguments else "", done=done, **where)
+        jobs = self.jobs or (self.out / "searches" if self.out else Path("runs/tune"))
+        cached(search, arguments, jobs, depends=digest_of(*SEARCHED) if arguments else "", done=done, **where)
 
 
 def tune(options: Tune) -> list[Path]:

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from agents.setups import Training
 from impact_gym.support.archive import archive_of, read_archive
-from impact_gym.support.files import write_file
+from impact_gym.support.files import reason, write_file
 
-FORMAT = "impact_gym checkpoint 4"
+FORMAT = "impact_gym checkpoint 5"
 # attributes of stable-baselines3 2.9, some of them private; a test checks that a resumed training has the same result
 COUNTERS = ("num_timesteps", "_n_updates", "_episode_num", "_current_progress_remaining")
 UNWRITTEN = ("name_to_value", "name_to_count", "name_to_excluded")  # logger attributes that hold unwritten values
@@ -41,36 +41,39 @@ def write(path: Path, model: Any, callback_state: Mapping[str, Any], training: T
         "python": random.getstate(),
         "log": [getattr(model.logger, name) for name in UNWRITTEN],
         "callback_state": callback_state,
-        "settings": asdict(training),
+        "settings": _settings(model, training),
     }
     content = json.loads(json.dumps(state, default=partial(_pack, arrays)))
     write_file(path, archive_of(FORMAT, content, arrays))
 
 
 def restore(path: Path, model: Any, training: Training) -> dict[str, Any]:
-    """Restore a model that was made from the same settings; return the state of the callback."""
+    """Restore a model; return the state of the callback. ValueError: the checkpoint is not of this training."""
     content, arrays = read_archive(path, FORMAT)
-    state = json.loads(json.dumps(content), object_hook=partial(_unpack, arrays))
     try:
+        before, now = content["settings"], json.loads(json.dumps(_settings(model, training)))
+        if changed := [name for name in now if before.get(name) != now[name]]:
+            raise ValueError(", ".join(f"{n} is {before.get(n)!r} in the checkpoint, got {now[n]!r}" for n in changed))
+        state = json.loads(json.dumps(content), object_hook=partial(_unpack, arrays))
         model.set_parameters(state["parameters"])
-        for name, value in state["counters"].items():
-            setattr(model, name, value)
+        for name in COUNTERS:
+            setattr(model, name, state["counters"][name])
         model._last_obs, model._last_episode_starts = state["last"]
         model.env.set_state(state["environment"])
         torch.set_rng_state(state["torch"])
         np.random.set_state(state["numpy"])  # noqa: NPY002 - stable-baselines3 uses this generator
         version, words, gauss = state["python"]
         random.setstate((version, tuple(words), gauss))
-    except (LookupError, TypeError, ValueError, RuntimeError) as error:
-        before, now = content["settings"], json.loads(json.dumps(asdict(training)))
-        changed = [name for name in now if name in before and before[name] != now[name]]
-        differs = ", ".join(f"{name} is {before[name]!r} in the checkpoint, got {now[name]!r}" for name in changed)
-        reason = differs or " ".join(str(error).split())  # torch's messages have several lines
-        raise ValueError(f"{path} does not fit this training: {reason}") from error
-    for name, kept in zip(UNWRITTEN, state["log"], strict=True):
-        getattr(model.logger, name).clear()
-        getattr(model.logger, name).update(kept)
-    return state["callback_state"]
+        for name, kept in zip(UNWRITTEN, state["log"], strict=True):
+            getattr(model.logger, name).clear()
+            getattr(model.logger, name).update(kept)
+        return dict(state["callback_state"])
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, RuntimeError) as error:
+        raise ValueError(f"{path} does not fit this training: {reason(error)}") from error
+
+
+def _settings(model: Any, training: Training) -> dict[str, Any]:
+    return asdict(training) | {"seed": model.seed}
 
 
 def _pack(arrays: dict[str, NDArray[Any]], value: Any) -> dict[str, str]:

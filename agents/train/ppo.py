@@ -212,6 +212,8 @@ def _learn(folder: Path, run: Run, record: dict[str, Any]) -> None:
     else:
         print(f"training for {training.whole_steps:,} steps; torch uses {training.threads} thread(s)")
     done = model.num_timesteps
+    for events in [] if done else folder.glob("events.out.tfevents.*"):  # of a process killed before a checkpoint
+        events.unlink()
     bar = progress(f"{run.setup.name}, seed {run.seed}", training.whole_steps, done)
     dropped = done + 1 if done else None  # from this step on, TensorBoard drops the values of the interrupted run
     with SummaryWriter(folder, purge_step=dropped) as callback.writer, closing(bar) as callback.bar:

@@ -28,7 +28,7 @@ NUMBERS = {
     sign: re.compile(rf"[+-]?((\d+([{sign}]\d*)?|[{sign}]\d+)(e[+-]?\d+)?|nan|inf(inity)?)|({STAMP})", re.IGNORECASE)
     for sign in ".,"
 }
-DATES = r"\d+(:|[./-]\d+[./-])\d"  # of any form
+DATES = r"\d(:|[./-]\d+[./-])\d"  # of any form
 GAPS = {"", "-", "--", "*", "na", "n/a", "#n/a", "null", "none", "lost", "timeout"}
 """Fields, in lower case, that stand for a missing value, as nan does."""
 COMMENTS = ("#", "%", "//")

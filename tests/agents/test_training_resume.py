@@ -3,6 +3,7 @@
 import csv
 import fcntl
 import json
+import pickle
 import shutil
 
 import numpy as np
@@ -18,8 +19,10 @@ from agents.evaluate.scenario_batch import Validation
 from agents.policies.networks import to_arrays
 from agents.train.__main__ import read_options, run
 from agents.train.callback import CollapsedError, TrainingCallback
+from agents.train.checkpoint import FORMAT
 from agents.train.ppo import resume, train
 from agents.train.seeds import train_one
+from impact_gym.support.archive import archive_of, read_archive
 from impact_gym.support.files import UNFINISHED
 from impact_gym.task import Task
 
@@ -115,6 +118,19 @@ def test_resume_refuses_what_it_cannot_continue(part, tmp_path):
     with (part / "lock").open() as lock:  # a second open file excludes even the same process
         fcntl.flock(lock, fcntl.LOCK_EX)
         refused(lambda: resume(part), "another process")
+    saved = part / "checkpoint.npz"
+    good, (content, arrays) = saved.read_bytes(), read_archive(saved, FORMAT)
+    settings = content["settings"]
+    for other in ({"settings": settings | {"seed": 3}}, {"settings": settings | {"learning_rate": 0.1}},
+                  {"settings": 3}, {"parameters": []}, {"parameters": {"tensor": "no"}}, {"counters": 3}, {"environment": None},
+                  {"last": [1]}, {"torch": "x"}, {"numpy": {}}, {"python": [3, [], 1e400]}, {"log": []},
+                  {"callback_state": 5}):  # fmt: skip
+        saved.write_bytes(archive_of(FORMAT, content | other, arrays))
+        refused(lambda: resume(part), "does not fit this training")
+    for damaged in (b"", b"x", good[:999], pickle.dumps(settings)):
+        saved.write_bytes(damaged)
+        refused(lambda: resume(part), "is no impact_gym checkpoint")
+    saved.write_bytes(good)
     change(part / "config.json", '"width": 16', '"width": 24')
     refused(lambda: resume(part), "does not fit this training", "width is 16 in the checkpoint, got 24")
     refused(lambda: resume(tmp_path), "holds no run")
@@ -154,3 +170,6 @@ def test_train_stops_with_the_reason_if_it_touches_no_object(tmp_path):
 def test_train_ends_if_weights_are_not_finite(tmp_path):
     with pytest.raises(CollapsedError, match=r"no longer finite.*learning_rate below 1e\+30"):
         train(tiny(learning_rate=1e30), tmp_path / "run")
+    with pytest.raises(CollapsedError):
+        resume(tmp_path / "run")  # without a checkpoint it begins again, also with what TensorBoard shows
+    assert len([*(tmp_path / "run").glob("events.*")]) == 1

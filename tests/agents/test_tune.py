@@ -163,9 +163,10 @@ def test_bound_is_below_every_shipped_baseline(name):
 
 def test_search_bounds_beats_a_blind_profile_and_is_kept(tmp_path):
     """Unless its file is of another search or another environment."""
-    wanted = tune.Tune(("linear-blind",), weights=(1.0,), processes=0, out=tmp_path, jobs=tmp_path / "jobs")
+    wanted = tune.Tune(("linear-blind",), weights=(1.0,), processes=0, out=tmp_path)
     setup, size = load_setup("linear-blind"), {"scenarios": 4, "generations": 25}
     (path,) = tune.search_bounds(wanted, **size)
+    assert any((tmp_path / "searches").iterdir())
     parameters = read_bound(setup, tmp_path, generations=25)[1.0]
     known = ScenarioBatch.of("test", 4, Task(privileged=True), time_weight=[1.0]).play(Clairvoyant(parameters))
     blind = ScenarioBatch.of("test", 4, time_weight=[1.0]).play(load_baseline("blind-profile", 1.0))

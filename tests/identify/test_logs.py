@@ -1,6 +1,8 @@
 """Files of recorders, units and accelerations; doubts about a fit, just within and beyond a border."""
 
+import tomllib
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,16 +20,9 @@ from impact_gym.support.column_names import SCALES, Column
 from impact_gym.support.csv_files import read_columns
 
 STAMPS, PUSHES = np.arange(20) / 51200, 12.0 * np.sin(np.arange(20))  # s, N
-INCH, FALL, POUND = 0.0254, 9.80665, 0.45359237  # m, m/s^2, kg, by definition
-UNITS = {  # for each unit of the SI, the factors of other units to it
-    "s": {"s sec secs second seconds S": 1.0, "ms msec msecs millisecond milliseconds": 1e-3, "min minutes": 60.0,
-          "us \u00b5s \u03bcs usec microsecond microseconds": 1e-6, "ns nsec nanosecond nanoseconds": 1e-9},
-    "N": {"N n newton newtons": 1.0, "mN mn": 1e-3, "kN kn": 1e3, "daN dan": 10.0, "kgf kp": FALL, "lbf": POUND * FALL},
-    "m/s": {"m/s ms^-1 m*s^-1 m\u00b7s-1 ms\u207b\u00b9": 1.0, "mm/s": 1e-3, "cm/s": 1e-2, "km/h": 1000.0 / 3600.0,
-            "in/s": INCH, "ft/s": 12 * INCH},
-    "m/s^2": {"m/s^2 m/s\u00b2 m/s2 m/s/s ms^-2 m.s-2 ms\u207b\u00b2": 1.0, "mm/s^2": 1e-3, "cm/s^2": 1e-2,
-              "g gn g0": FALL, "mg": FALL / 1000.0},
-}  # fmt: skip
+GRAVITY = 9.80665  # m/s^2, by definition
+EXAMPLES = tomllib.loads(Path(__file__).with_name("recorder_files.toml").read_text("utf-8"))
+UNITS = EXAMPLES["units"]
 
 
 @pytest.mark.parametrize("unit", UNITS)
@@ -44,37 +39,19 @@ def test_every_unit_is_read_with_its_factor_to_the_si(unit, tmp_path):
             refused(lambda: read_columns(path, wanted, ("time", "x")), "unit must be one of", f"got {name!r}")
 
 
-def table(head, separator=",", decimal=".", end="", of_time=1.0, of_force=1.0):
+def table(head, separator=",", decimal=".", end="", of_time=1.0, of_force=1.0, foot="", encoding="utf-8"):
     values = zip(STAMPS / of_time, PUSHES / of_force, strict=True)
     lines = [f"{time:.9e}{separator}{force:.9e}{end}" for time, force in values]
-    return head + "\n".join(lines).replace(".", decimal) + "\n"
+    return (head + "\n".join(lines).replace(".", decimal) + "\n" + foot).encode(encoding)
 
 
-FILES = {
-    "Excel on Windows": table("time (s),force (N)\n").replace("\n", "\r\n"),
-    "as a fraction": table("Zeit/ms,Force/kN\n", of_time=1e-3, of_force=1e3),
-    "units behind": table("time_us;Fz\n", ";", ",", "", 1e-6),
-    "decimal commas": table("t [s];Kraft [N]\n", ";", ","), "tabs": table("timestamp\tforce\n", "\t"),
-    "blanks": table("  time (s)     force (N)\n", "    "), "trailing comma": table("time,force\n", end=","),
-    "comments": "# one\n% two\n//three\n" + table("time,force\n# four\n") + "# five\n",
-    "no header": table(""), "units as header": table("ms,N\n", of_time=1e-3),
-    "preamble": table("Recorder 3.2\nRate,51200\nDate: 2024-01-01 12:00\n\ntime,force\n"),
-    "second header line": table("Time,Force\n[ms],[mN]\n", ",", ".", "", 1e-3, 1e-3),
-    "extra columns": table("time,force,note,temp\n", end=",ok,21.5"),
-    "more names than values": table("X_Value\tForce\tComment\n", "\t"),
-    "more names, in a comment": table("# time,force,comment\n"),
-    "other forces": table("time [s],force [N],forcex [N]\n", end=",7"),
-    "other forces behind": table("time_ms,force_kN,force_x_N\n", of_time=1e-3, of_force=1e3, end=",7"),
-    "statistics": table("time,load,load_min,load_max,load_95%\n", end=",7,8,9"),
-    "Latin-1": table("time (\u00b5s);force (N);St\u00f6\u00dfe\n", ";", of_time=1e-6, end=";1").encode("latin-1"),
-    "byte order mark": table("time,force\n").encode("utf-8-sig"), "UTF-16": table("time,force\n").encode("utf-16"),
-}  # fmt: skip
+FILES = {name: table(**how) for name, how in EXAMPLES["files"].items()}
+FILES["Excel on Windows"] = table("time (s),force (N)\n").replace(b"\n", b"\r\n")
 
 
 @pytest.mark.parametrize("name", FILES)
 def test_file_of_a_recorder_is_read_in_seconds_and_newtons(name, tmp_path):
-    content, path = FILES[name], tmp_path / "log.csv"
-    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    (path := tmp_path / "log.csv").write_bytes(FILES[name])
     log = read(path, "")
     assert log.time == pytest.approx(STAMPS, rel=1e-8, abs=1e-15)
     assert log.columns["force"] == pytest.approx(PUSHES, rel=1e-8)
@@ -82,24 +59,19 @@ def test_file_of_a_recorder_is_read_in_seconds_and_newtons(name, tmp_path):
     assert ("not used: 'note', 'temp'" in log.said) == (name == "extra columns")
 
 
-@pytest.mark.parametrize(("stamps", "seconds"), [
-    ("23:59:58.5 23:59:59 23:59:59.000000001", [0.0, 0.5, 0.500000001]),
-    ("9:05:07 9:05:08,25 10:05:07", [0.0, 1.25, 3600]),
-    ("2024/02/28T23:59:59.5Z 2024/02/29T00:00:00Z 2024-03-01T00:00:00Z", [0.0, 0.5, 86400.5]),
-    ("2024-03-31T01:59:59+01:00 2024-03-31T03:00:00.5+02:00 2024-03-31T03:00:00.75+0200", [0.0, 1.5, 1.75]),
-])  # fmt: skip
-def test_dates_and_clock_times_become_seconds_since_the_first(stamps, seconds, tmp_path):
+@pytest.mark.parametrize("stamps", EXAMPLES["stamps"])
+def test_dates_and_clock_times_become_seconds_since_the_first(stamps, tmp_path):
     (tmp_path / "a.csv").write_text("time;force\n" + "\n".join(f"{stamp};1" for stamp in stamps.split()))
     columns, said = read_columns(
         tmp_path / "a.csv", {"time": Column("s", "time"), "force": Column("N", "force")}, ("time", "force")
     )
-    assert columns["time"] == pytest.approx(seconds, rel=1e-12)
+    assert columns["time"] == pytest.approx(EXAMPLES["stamps"][stamps], rel=1e-12)
     assert "time (s) from 'time' as dates or times" in said
 
 
 @pytest.mark.parametrize("gap", ["", "nan", "NaN", "NA", "-", "null", '"nan"', " * "])
 def test_line_without_a_value_counts_as_a_lost_sample(gap, tmp_path):
-    lines = table("time,force\n").splitlines()
+    lines = table("time,force\n").decode().splitlines()
     without = [line if k not in (1, 9) else f"{line.split(',')[0]},{gap}" for k, line in enumerate(lines)]
     (tmp_path / "log.csv").write_text("\n".join(without))
     log = read(tmp_path / "log.csv", "")
@@ -108,7 +80,7 @@ def test_line_without_a_value_counts_as_a_lost_sample(gap, tmp_path):
 
 
 def test_lost_samples_count_for_the_rate(tmp_path):
-    lines = table("t [ms],object accel. (g)\n", of_time=1e-3, of_force=FALL).splitlines()
+    lines = table("t [ms],object accel. (g)\n", of_time=1e-3, of_force=GRAVITY).decode().splitlines()
     (tmp_path / "log.csv").write_text("\n".join(lines[:9] + lines[10:]))
     log = read(tmp_path / "log.csv", "")
     assert log.columns["object_acceleration"] == pytest.approx(np.delete(PUSHES, 8))  # m/s^2
