@@ -1,4 +1,4 @@
-"""Check an engine against the cases: replace `build` by yours, which places the bodies and returns a step."""
+"""Check an engine by the cases: replace `build` by yours, which returns its step."""
 
 from impact_gym.experiments.studies.engines.cases import read
 from impact_gym.experiments.studies.engines.drive import drive
@@ -7,4 +7,5 @@ from impact_gym.experiments.studies.engines.ours import build
 for name, case in read().items():
     found, exact = drive(case, build, 1e-3), case.answers["object_velocity"]
     off = 100.0 * (found["object_velocity"] / exact - 1.0)
-    print(f"{name}: V_p {exact:.4f} m/s, off by {off:+.2f} %, momentum off by {found['momentum_error']:.0e}")
+    wrong = found["momentum_error"]
+    print(f"{name}: V_p {exact:.4f} m/s, off by {off:+.2f} %, momentum {wrong:.0e}")

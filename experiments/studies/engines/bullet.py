@@ -7,7 +7,7 @@ counts as a gap, and `contactERP` adds a velocity in proportion to the penetrati
 """
 
 from experiments.studies.engines.cases import RADIUS, Case
-from experiments.studies.engines.drive import DAMPER, DEFAULTS, JUMP, Step, Variant
+from experiments.studies.engines.drive import DAMPER, Step, Variant
 
 PACKAGE = "pybullet"
 
@@ -42,8 +42,8 @@ def build(case: Case, step: float, compliant: bool = False, **parameters: float)
 
 THRESHOLD = {"restitutionVelocityThreshold": 0.0}
 VARIANTS = {
-    "default": Variant("restitution", DEFAULTS),
-    "threshold 0": Variant("restitution, threshold 0", DEFAULTS, THRESHOLD),
-    "slop and ERP 0": Variant("restitution, all three 0", JUMP, {**THRESHOLD, "contactSlop": 0.0, "contactERP": 0.0}),
+    "default": Variant("restitution"),
+    "threshold 0": Variant("restitution, threshold 0", None, THRESHOLD),
+    "slop and ERP 0": Variant("restitution, all three 0", None, {**THRESHOLD, "contactSlop": 0.0, "contactERP": 0.0}),
     "stiffness": Variant("contactStiffness, contactDamping", DAMPER, {"compliant": True}),
 }

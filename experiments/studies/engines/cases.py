@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import impact_gym as ig
-from experiments import reference
 from impact_gym.physics.dissipation import damping_factor
 from impact_gym.support.dotted_paths import record_from
 from impact_gym.support.files import parsed
@@ -93,13 +92,11 @@ class Case:
         """
         k = self.stiffness if exponents == (1.5, 1.5) else self.linear_stiffness
         contact = ig.Contact(k, self.asked_restitution, "exact", *exponents)
-        mass = self.object_mass if self.spring else self.reduced_mass
-        coupling = ig.SpringDamper(self.spring) if self.spring else ig.Rigid()
-        distance = self.distance if self.spring else self.speed**2 / AS_FAST
+        spring, mass = self.spring, self.object_mass if self.spring else self.reduced_mass
+        distance, ramp = (self.distance, 0.0) if spring else (self.speed**2 / AS_FAST, self.speed / AS_FAST)
+        coupling = ig.SpringDamper(spring) if spring else ig.Rigid()
         scene = ig.Scene(ig.Tool(self.tool_mass), ig.Object(mass, distance), contact, coupling)
-        found = solver(
-            scene, self.motion, self.duration + (0.0 if self.spring else 2 * self.speed / AS_FAST), **options
-        )
+        found = solver(scene, self.motion, self.duration + 2 * ramp, **options)
         ends = [self.duration if each.end is None else each.end for each in found.contacts]
         lasted = sum(end - each.start for end, each in zip(ends, found.contacts, strict=True))
         impulse = sum(each.impulse for each in found.contacts)
@@ -110,21 +107,7 @@ class Case:
 def read(path: Path = SHIPPED) -> dict[str, Case]:
     """Return the cases of a file by name; ValueError: it cannot be read, or a case lacks a field."""
 
-    def cases(text: str) -> dict[str, Case]:
+    def listed(text: str) -> dict[str, Case]:
         return {each["name"]: record_from(f"case {each['name']}", each, (Case,)) for each in json.loads(text)["cases"]}
 
-    return parsed(path, "cases", cases)
-
-
-def answers(case: Case) -> dict[str, Any]:
-    """Return the answers: closed forms for two free bodies, all else by the independent solver.
-
-    No law of damping has a restitution of 0, so that only the velocities are known.
-    """
-    solved = dict(case.solved(reference.simulate, rtol=1e-12))
-    if case.restitution == 0.0:
-        solved |= dict.fromkeys(("peak_force", "contact_duration"))
-    if case.spring is None:
-        velocity = case.velocity_after(case.restitution)
-        solved |= {"object_velocity": velocity, "impulse": case.object_mass * velocity}
-    return solved
+    return parsed(path, "cases", listed)

@@ -6,7 +6,7 @@ relaxation times add (https://drake.mit.edu/doxygen_cxx/group__drake__contacts.h
 """
 
 from experiments.studies.engines.cases import RADIUS, Case
-from experiments.studies.engines.drive import CROSSLEY, DAMPER, DEFAULTS, Step, Variant
+from experiments.studies.engines.drive import CROSSLEY, DAMPER, Step, Variant
 from impact_gym.physics.dissipation import damping_factor
 
 PACKAGE = "drake"
@@ -23,17 +23,14 @@ def build(case: Case, step: float, approximation: str | None = None) -> Step:
 
     builder = DiagramBuilder()
     plant, _ = multibody.AddMultibodyPlant(multibody.MultibodyPlantConfig(time_step=step), builder)
+    plant.mutable_gravity_field().set_gravity_vector([0, 0, 0])
+    properties, k, d = ProximityProperties(), None, None
     if approximation:
         plant.set_discrete_contact_approximation(getattr(multibody.DiscreteContactApproximation, approximation))
-    plant.mutable_gravity_field().set_gravity_vector([0, 0, 0])
-    properties = ProximityProperties()
-    if approximation:
-        k, tau = case.linear_stiffness, case.linear_damping(case.asked_restitution) / case.linear_stiffness
+        k, tau = 2 * case.linear_stiffness, case.linear_damping(case.asked_restitution) / case.linear_stiffness
         d = damping_factor("exact", case.asked_restitution, 1.0, 1.0) / case.speed  # s/m; all m = n have the same d
-        AddContactMaterial(d, 2 * k, multibody.CoulombFriction(0, 0), properties)
         properties.AddProperty("material", "relaxation_time", tau / 2)
-    else:
-        AddContactMaterial(None, None, multibody.CoulombFriction(0, 0), properties)
+    AddContactMaterial(d, k, multibody.CoulombFriction(0, 0), properties)
     joints = []
     for name, (x, _, mass) in zip(("tool", "object"), case.bodies, strict=True):
         body = plant.AddRigidBody(name, SpatialInertia.SolidSphereWithMass(mass, RADIUS))
@@ -45,23 +42,19 @@ def build(case: Case, step: float, approximation: str | None = None) -> Step:
     simulator = Simulator(builder.Build())
     context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
     joints[0].set_translation_rate(context, case.start_speed)
-    count = 0
+    tool, target = joints
 
     def advance(push: float) -> tuple[float, float, float]:
-        nonlocal count
-        count += 1
         plant.get_actuation_input_port().FixValue(context, [push])
-        simulator.AdvanceTo(count * step)
-        tool, target = joints
-        v, v_p = tool.get_translation_rate(context), target.get_translation_rate(context)
-        return tool.get_translation(context), v, v_p
+        simulator.AdvanceTo(step * round(context.get_time() / step + 1))
+        return tool.get_translation(context), tool.get_translation_rate(context), target.get_translation_rate(context)
 
     return advance
 
 
 ASKED = "point stiffness, hunt_crossley_dissipation"
 VARIANTS = {
-    "default": Variant("not a parameter", DEFAULTS),
+    "default": Variant("not a parameter"),
     "TAMSI": Variant(ASKED, CROSSLEY, {"approximation": "kTamsi"}),
     "Lagged": Variant(ASKED, CROSSLEY, {"approximation": "kLagged"}),
     "SAP": Variant("point stiffness, relaxation_time", DAMPER, {"approximation": "kSap"}),

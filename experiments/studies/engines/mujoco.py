@@ -8,7 +8,7 @@ impedance d, the part of the acceleration by other forces that the constraint re
 from typing import Any
 
 from experiments.studies.engines.cases import RADIUS, Case
-from experiments.studies.engines.drive import DAMPER, DEFAULTS, Step, Variant
+from experiments.studies.engines.drive import DAMPER, Step, Variant
 
 PACKAGE = "mujoco"
 MODEL = """<mujoco>
@@ -50,7 +50,7 @@ def build(case: Case, step: float, impedance: float | None = None, integrator: s
 
 
 VARIANTS = {
-    "default": Variant("not a parameter", DEFAULTS),
+    "default": Variant("not a parameter"),
     "solref": Variant(ASKED, DAMPER, {"impedance": 0.9}),
     "solref, d 0.01": Variant(ASKED, DAMPER, {"impedance": 0.01}),
     "solref, d 0.01, RK4": Variant(ASKED, DAMPER, {"impedance": 0.01, "integrator": "RK4"}),

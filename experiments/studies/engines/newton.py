@@ -9,7 +9,7 @@ Newton 1.8 asks for MuJoCo 3.17, so it is not measured beside MuJoCo 4.
 from typing import Any
 
 from experiments.studies.engines.cases import RADIUS, Case
-from experiments.studies.engines.drive import DEFAULTS, JUMP, Step, Variant
+from experiments.studies.engines.drive import Step, Variant
 
 PACKAGE = "newton"
 
@@ -23,12 +23,8 @@ def build(case: Case, step: float, solver: str, compliant: bool = False, **optio
     builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
     material: dict[str, Any] = {"restitution": case.restitution, "mu": 0.0, "density": 0.0}
     if compliant:
-        material |= {
-            "ke": case.linear_stiffness,
-            "kd": case.linear_damping(case.asked_restitution**2),
-            "kf": 0.0,
-            "ka": 0.0,
-        }
+        damping = case.linear_damping(case.asked_restitution**2)
+        material |= {"ke": case.linear_stiffness, "kd": damping, "kf": 0.0, "ka": 0.0}
     for x, _, mass in case.bodies:
         inertia = 0.4 * mass * RADIUS**2
         body = builder.add_body(xform=warp.transform((x, 0.0, 0.0), warp.quat_identity()), mass=mass,
@@ -53,7 +49,7 @@ def build(case: Case, step: float, solver: str, compliant: bool = False, **optio
 
 
 VARIANTS = {
-    "XPBD default": Variant("restitution, not enabled", DEFAULTS, {"solver": "XPBD"}),
-    "XPBD restitution": Variant("restitution, enabled", JUMP, {"solver": "XPBD", "enable_restitution": True}),
-    "SemiImplicit": Variant("ke and kd", "spring, damper in approach", {"solver": "SemiImplicit", "compliant": True}),
+    "XPBD default": Variant("restitution, not enabled", None, {"solver": "XPBD"}),
+    "XPBD restitution": Variant("restitution, enabled", None, {"solver": "XPBD", "enable_restitution": True}),
+    "SemiImplicit": Variant("ke and kd", None, {"solver": "SemiImplicit", "compliant": True}),
 }

@@ -6,7 +6,7 @@ by a negative restitution, but SAPIEN does not offer them
 """
 
 from experiments.studies.engines.cases import RADIUS, Case
-from experiments.studies.engines.drive import DEFAULTS, JUMP, Step, Variant
+from experiments.studies.engines.drive import Step, Variant
 
 PACKAGE = "sapien"
 
@@ -46,6 +46,6 @@ def build(case: Case, step: float, threshold: float | None = None) -> Step:
 
 
 VARIANTS = {
-    "default": Variant("restitution", DEFAULTS),
-    "threshold 0": Variant("restitution, threshold 0", JUMP, {"threshold": 0.0}),
+    "default": Variant("restitution"),
+    "threshold 0": Variant("restitution, threshold 0", None, {"threshold": 0.0}),
 }
