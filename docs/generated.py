@@ -20,6 +20,7 @@ from typing import Any
 import gymnasium as gym
 import matplotlib as mpl
 import numpy as np
+import polars as pl
 from gymnasium.spaces import Box
 from latex2mathml.converter import convert
 from matplotlib.figure import Figure
@@ -223,6 +224,33 @@ def convergence(axes: Any) -> None:
     axes.legend()
 
 
+ENGINES = (  # in the pictures of engines
+    "impact-gym, law in steps", "mujoco, solref, d 0.01", "newton, SemiImplicit", "drake, Lagged", "drake, SAP",
+    "pybullet, stiffness", "pybullet, default", "newton, XPBD default", "newton, XPBD restitution",
+    "sapien, threshold 0", "pybullet, slop and ERP 0", "rapier3d, default",
+)  # fmt: skip
+
+
+def engines(axes: Any, over_time: bool) -> None:
+    """Draw for engines the delivered over the asked restitution, or its mean error over the processor time."""
+    runs = pl.read_csv(results.FOLDER / "engines.csv", comment_prefix="#", infer_schema_length=None)
+    runs = runs.filter(pl.col("case").str.starts_with("restitution-"), pl.col("delivered").is_not_null())
+    error = (pl.col("delivered") - pl.col("restitution")).abs().mean().clip(1e-9).alias("error")
+    for engine, marker in zip(ENGINES, "oosssDDvvvXP", strict=True):
+        mine, style = runs.filter(engine=engine), {"marker": marker, "lw": 0.8, "ms": 4, "label": engine}
+        if over_time:
+            blows = mine.filter(pl.col("restitution").is_in([0.1, 0.5, 1.0]))
+            means = blows.group_by("step").agg(pl.mean("seconds"), error)
+            axes.loglog(*means.sort("step").select("seconds", "error"), **style)
+        else:
+            axes.plot(*mine.filter(step=2e-3).sort("restitution").select("restitution", "delivered"), ls=":", **style)
+    if over_time:
+        axes.set(xlabel="processor time, s per simulated s", ylabel="mean error of the restitution")
+    else:
+        axes.set(xlabel="restitution asked for", ylabel="restitution delivered, step 2 ms", ylim=(-0.05, 1.25))
+    axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5))
+
+
 def contact() -> bytes:
     """Return a picture (PNG) of the first contact in an episode with the paper's rule."""
     env = gym.make("ImpactApproach-v0", render_mode="rgb_array")
@@ -255,6 +283,8 @@ def identified() -> bytes:
 PICTURES: dict[str, Callable[[], bytes]] = {
     **{f"{draw.__name__}.svg": partial(drawn, draw, height)
        for draw, height in ((contact_force, 3.6), (convergence, 3.6), (restitution, 4.2), (mechanism, 3.4))},
+    "engines_restitution.svg": partial(drawn, partial(engines, over_time=False), 3.6),
+    "engines_error.svg": partial(drawn, partial(engines, over_time=True), 3.6),
     "identified.svg": identified, "contact.png": contact,
 }  # fmt: skip
 

@@ -12,6 +12,7 @@ QUESTIONS = {
     "teleop": "Which assistance helps if the operator's commands arrive late?",
     "sensors": "What does a range sensor that is sold bring?",
     "stock": "How good is a policy after 1, 3, 10 minutes of training with stable-baselines3?",
+    "engines": "Which blow do physics engines deliver if they are asked for a restitution?",
     "own-arms": "Does what impact-gym controller says hold for arms that nobody chose?",
 }
 """The question of each study, by the study's name."""
