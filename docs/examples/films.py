@@ -4,6 +4,7 @@ The object is the middle of the ranges of the set-ups. Each row ends with the pi
 """
 
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -30,20 +31,22 @@ FILMS = {  # what each row is called, its set-up and its controller
 }  # fmt: skip
 
 
-def pictures(rows):
-    """Return the pictures of a film, the last of them for two seconds."""
+def pictures(rows: tuple[tuple[str, str, str], ...]) -> Iterator[Image.Image]:
+    """Yield the pictures of a film, the last of them for two seconds."""
     runs = []
     for _, setup, name in rows:
         task = load_setup(setup).environment
         task |= HAND if "operator" in task else {}
         task["time_weight"] = WEIGHT
-        runs.append(play(load_baseline(name, WEIGHT).for_task(load_setup(setup).task.changed(task)), 0, 0, OBJECT, task))
+        runs.append(
+            play(load_baseline(name, WEIGHT).for_task(load_setup(setup).task.changed(task)), 0, 0, OBJECT, task)
+        )
     end = min(max(run.now for run in runs), max(run.touches[0] for run in runs) + AFTER)
     starts, factors = np.array([*clock(runs, end), [end, 1.0]]).T
     lasts = np.append(0.0, np.cumsum(np.diff(starts) * factors[:-1]))  # s of the film at each of `starts`
     shown, renderer = np.linspace(0.0, lasts[-1], round(SECONDS * RATE)), Renderer("rgb_array")
 
-    def picture(times, factor):
+    def picture(times: list[float], factor: float) -> Image.Image:
         drawn = []
         for (label, *_), run, time in zip(rows, runs, times, strict=True):
             canvas = renderer.draw(run, min(time, run.now), factor)
@@ -61,5 +64,7 @@ def pictures(rows):
 for name in sys.argv[1:] or FILMS:
     first, *others = pictures(FILMS[name])
     file = Path("docs/films", f"{name}.webp")
-    first.save(file, save_all=True, append_images=others, duration=1000 // RATE, loop=0, lossless=True, quality=70, method=4)
+    first.save(
+        file, save_all=True, append_images=others, duration=1000 // RATE, loop=0, lossless=True, quality=70, method=4
+    )
     print(file)
