@@ -83,6 +83,11 @@ class Tune(Options):
         if unknown := [name for name in self.names if name not in known]:
             raise ValueError(nearest("baseline to tune", unknown[0], known))
 
+    @property
+    def searches(self) -> Path:
+        """The folder of finished searches."""
+        return self.jobs or (self.out / "searches" if self.out else Path("runs/tune"))
+
     def baselines(self) -> dict[str, Setup]:
         """Return the set-up of each baseline to tune, by the name of the baseline."""
         wanted: dict[str, Setup] = {}
@@ -112,8 +117,7 @@ class Tune(Options):
     ) -> None:
         """Call `search` with each of `arguments`, and `done` with each index and result."""
         where: dict[str, Any] = {"processes": self.processes, "cluster": self.cluster, "title": title}
-        jobs = self.jobs or (self.out / "searches" if self.out else Path("runs/tune"))
-        cached(search, arguments, jobs, depends=digest_of(*SEARCHED) if arguments else "", done=done, **where)
+        cached(search, arguments, self.searches, depends=digest_of(*SEARCHED) if arguments else "", done=done, **where)
 
 
 def tune(options: Tune) -> list[Path]:

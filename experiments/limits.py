@@ -88,11 +88,9 @@ class Search:
         return found.excess <= 1.0
 
     def _each(self, function: Any, arguments: Iterable[JSON]) -> list[list[Attempt]]:
-        digest, where = (
-            digest_of("impact_gym", "agents", "experiments.limits", "experiments.report.limits"),
-            self.tuning,
-        )
-        return cached(function, [{**each, **self.where} for each in arguments], where.jobs, depends=digest,
+        digest = digest_of("impact_gym", "agents", "experiments.limits", "experiments.report.limits")
+        where = self.tuning
+        return cached(function, [{**each, **self.where} for each in arguments], where.searches, depends=digest,
                       title="limits", processes=where.processes, cluster=where.cluster)  # fmt: skip
 
     def write(self, folder: Path) -> Path:
