@@ -125,7 +125,7 @@ def parse(
             raise ValueError(f"{written} must be a number, not a range, got {low:g} to {high:g}")
     middles = (QUANTITIES[name].middle(*ends) for name, ends in task.scenario.by_id().items())
     mass, stiffness, restitution, distance = middles
-    contact = Contact(stiffness, restitution, task.dissipation)  # type: ignore[arg-type]  # checked by the task
+    contact = Contact(stiffness, restitution, task.dissipation)
     scene = Scene(Tool(task.tool_mass), Object(mass, distance, task.friction), contact, task.coupling, task.robot)
     motion, sensors = content["motion"], content.get("sensor", {})
     one_of("sensor", sensors, Mapping)
