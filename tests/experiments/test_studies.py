@@ -15,16 +15,21 @@ from matplotlib.figure import Figure
 from refusal import refused
 
 from agents import jobs
+from agents.baselines.rule import View
 from experiments import studies
 from experiments.lab import results
 from experiments.lab import study as lab_study
 from experiments.lab.parts import Picture, Section, Table
+from experiments.lab.statistics import Resamples
 from experiments.lab.study import Cell, Findings, Measurement, Study, StudyOptions, StudyRun, csv_of
 from experiments.studies import sensors, speed, stability, teleop
+from experiments.studies.sensors.learning import USUAL, Inputs, ToldProfile
 from experiments.studies.solvers import approaches
 from experiments.studies.speed import rates
 from experiments.studies.stability import checks
+from impact_gym.envs.batch import Batch
 from impact_gym.support.sources import compiled_from
+from impact_gym.task import ObservationSpec, Task
 
 FIGURES = {"paper": 1, "speed": 0, "stability": 0, "teleop": 0, "sensors": 0, "speed of trainings": 0}
 EVERY = [pytest.param(name, marks=pytest.mark.slow) if "training" in name else name for name in FIGURES]
@@ -141,6 +146,8 @@ def test_page_and_tables_are_of_the_newest_run(study, tmp_path):
     assert len(json.loads(log.read_text())["runs"]) == 1
 
 
+PLAYED = {"weights": [sensors.WEIGHT], "scenarios": {"set": "test", "count": 40}}
+TRAINED = Cell(SEEDED := {"inputs": "readings", "seed": 0}, SEEDED | PLAYED | {"steps": 1 << 15})
 FEW = {
     "paper": {figure: [Cell({}, {})] for figure in ("figure_02", "figure_23")},
     "speed": {"times": [next(speed.cells(True, {}))], "cost": None},
@@ -148,7 +155,7 @@ FEW = {
                   "truth": [Cell({"scene": number}, {"number": seed}) for number, seed in ((2, -1), (5, 5))]},
     "teleop": {"episodes": [cell for cell in teleop.assisted(True, {})
                             if cell.labels["coupling"] == "rigid" and cell.labels["seed"] < 2]},
-    "sensors": {"episodes": None},
+    "sensors": {"episodes": None, "rivals": None, "networks": [[*sensors.networks(True, {})][-1], TRAINED]},
     "speed of trainings": {
         "environments": None, "rates": [Cell({"set-up": "linear-blind"}, {"name": "linear-blind", "quick": True})]},
 }  # fmt: skip
@@ -231,6 +238,41 @@ def test_sensors_are_compared_at_the_rules_time(small):
         (time,), (velocity,) = of[sensors.RULE]["approach_time"], of[sensors.RULE]["object_velocity"]
         ours = np.interp(time, of[sensors.PROFILE]["approach_time"], of[sensors.PROFILE]["object_velocity"])
         assert float(lower.partition(" [")[0]) == pytest.approx(100.0 * (1.0 - ours / velocity), abs=0.051)
+
+
+def test_learning_is_compared_with_filter_and_profile(small):
+    run = small("sensors")
+    table, answer = sensors.compared(run, Resamples(40))
+    costs = {name: float(cost.partition(" [")[0]) for name, cost, *_ in table.rows}
+    ours = costs[sensors.OURS]
+    for name, less in ((row[0], row[2].partition(" [")[0]) for row in table.rows if row[2]):
+        assert float(less) == pytest.approx(100.0 * (1.0 - costs[name] / ours), abs=0.2)
+    played = run["networks"].filter(inputs="profile", weight=sensors.WEIGHT)["cost"].mean()
+    assert played == pytest.approx(ours, rel=0.02)  # before a training, the network adds nearly nothing
+    assert ("does not gain" in answer) == (max(value for name, value in costs.items() if "PPO" in name) > ours)
+
+
+def test_told_filter_finds_the_place_of_the_object():
+    task = Task(range_sensor={"bias": (-0.02, 0.02), "scale": (-0.13, 0.13)}, privileged=True)
+    batch, kind, state = Batch(100, task), ToldProfile, None
+    rule = kind([parameter.start for parameter in kind.PARAMETERS]).for_task(task)
+    batch.begin_seeded(0, {})
+    for _ in range(10):
+        batch.step(np.tile([0.0, 0.2], (100, 1)), np.zeros(100, bool))
+        view, state = rule.see(View(batch.observations, ObservationSpec(task)), state, None)
+    error = view["distance_estimate"] + batch.sensors()["position"] - batch.info()["scenario"]["distance"]
+    assert np.abs(error).max() < 0.003  # the swing of the tool, as the filter predicts it, has an error of up to 2 mm
+
+
+def test_network_observes_the_last_eight_readings():
+    inputs, state = Inputs("readings"), None
+    seen = np.random.default_rng(0).uniform(-1.0, 1.0, (10, 3, len(inputs.spec)))
+    for step, observations in enumerate(seen):
+        numbers, _, state = inputs.see(observations, state, np.full(3, step == 0) | (np.arange(3) == 1) & (step == 4))
+    ranges, places = (View(seen, inputs.spec)[name] for name in ("range", "position"))
+    for row, steps in ((0, range(9, 1, -1)), (1, [9, 8, 7, 6, 5, 4, 4, 4])):  # episode 1 began anew at step 4
+        moved = places[9, row] - places[steps[1:], row]
+        assert numbers[row] == pytest.approx(np.array([*ranges[steps, row], *moved]) / USUAL[0])
 
 
 def test_rate_counts_every_step_of_the_calls_made():
