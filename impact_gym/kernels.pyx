@@ -15,6 +15,9 @@ from libc.string cimport memcpy, memset
 
 import numpy as np
 
+cdef extern from "math.h" nogil:
+    float exp2f(float x)
+
 cdef extern from *:
     """
     static inline void load_ahead(const void *record, size_t size) {  /* into cache; an invalid address does no harm */

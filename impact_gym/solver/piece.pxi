@@ -17,9 +17,11 @@ cdef struct Piece:
     Units units
     bint analytic  # 1: m = n = 3/2 in a rigid or spring chain, see `series.pxi`; 0: a general piece, see `general.pxi`
     Polynomial polynomial  # the equations of an analytic piece
+    double log_width, log_left_out  # base 2, of `width`; of the truncation error allowed, divided by ORDER + 1
     bint flying  # whether the piece is a flight; then scaled penetration replaces z, and scaled time replaces s
     const Contact *unclamped  # the contact law (see `contact.pxi`); its force f can be negative
     Contact contact  # the same law, but f = 0 while `Chain.force_active` is 0
+    int first_row, end_row  # range of the rows of events that can occur; `acts` tells which in it
     bint has_friction  # whether there is friction under the object
     int object_state  # SLIDING or STUCK
     double friction  # scaled largest friction force on the object, mu m_p g
@@ -68,6 +70,8 @@ cdef void begin_piece(
     piece.has_friction, piece.object_state = run.ground > 0.0, <int> chain.object_state
     piece.ground = (run.ground if chain.object_state != STUCK else 0.0) * piece.units.time / piece.units.velocity
     piece.friction = run.object_mass * run.ground / piece.units.force
+    piece.first_row = FRONT_STOP if flying else CLOCK
+    piece.end_row = ROWS if flying else TOUCH if model.stops else FRONT_STOP if piece.has_friction else SLIP
     piece.standstill = STANDSTILL * (1.0 + fabs(chain.flange_velocity) / piece.units.velocity)
     if model.kind == RIGID_CHAIN:  # as if the tool were infinitely heavy, and moved by inertia only
         piece.ground, piece.push = piece.ground + piece.push, 0.0

@@ -23,7 +23,7 @@ cdef Finding search(
     cdef int row
     cdef double high, fraction, reached
     cdef Events summit
-    for row in range(FRONT_STOP if piece.flying else CLOCK, ROWS if piece.flying else TOUCH):
+    for row in range(piece.first_row, piece.end_row):
         if not acts(piece, row):
             continue
         high, reached = 1.0, end.value[row]
@@ -73,7 +73,7 @@ cdef bint starts_on(int row, double h, const Events *start, double reached) noex
 cdef int earlier_event(const Piece *piece, const Events *end, int reached, bint undetected) noexcept nogil:
     """Return an event that also occurred in a step that ends on event `reached`, or NOTHING."""
     cdef int row
-    for row in range(FRONT_STOP if piece.flying else CLOCK, ROWS if piece.flying else TOUCH):
+    for row in range(piece.first_row, piece.end_row):
         if not acts(piece, row):
             continue
         if row != reached and end.value[row] > 0.0 and (undetected or row != FORCE):

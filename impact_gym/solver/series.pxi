@@ -23,6 +23,8 @@ cdef void begin_analytic(const Run *run, Piece *piece) noexcept nogil:
         equations.pull_y_dot = -2.0 * model.damping_ratio * model.frequency * piece.units.time
         equations.tool_share = run.object_mass / (model.tool_mass + run.object_mass)
     equations.share = equations.tool_share if piece.object_state == STUCK else 1.0
+    piece.log_width = rough_log2(piece.width)
+    piece.log_left_out = rough_log2(min(LEFT_OUT * piece.tolerance, MOST_LEFT_OUT)) / (ORDER + 1)
 
 
 cdef void analytic_rates(const Polynomial *equations, const double *x, double *rate) noexcept nogil:
@@ -62,9 +64,9 @@ cdef void expand(const Piece *piece, Work *work) noexcept nogil:
 
 cdef double longest_by_series(const Piece *piece, const Work *work) noexcept nogil:
     """Return the step with the allowed truncation error, if coefficients decay like radius^-order; 0: see TOO_STEEP."""
-    cdef float inverse_radius = -7.0  # ln(1 / radius); at least -7, because coefficients of the last orders can be 0
+    cdef double inverse_radius = -10.0  # log2(1 / radius); at least -10, because coefficients of last orders can be 0
     cdef double[COMPONENTS] weight
-    cdef double squares, left_out = min(LEFT_OUT * piece.tolerance, MOST_LEFT_OUT)
+    cdef double squares
     cdef int i, k
     for i in range(COMPONENTS):
         weight[i] = max(fabs(work.series[0][i]), 1.0)
@@ -75,8 +77,15 @@ cdef double longest_by_series(const Piece *piece, const Work *work) noexcept nog
             squares += weight[i] * (work.series[k][i] * work.series[k][i])
         if not squares < TOO_STEEP:
             return 0.0
-        inverse_radius = max(inverse_radius, <float> (1.0 / k) * logf(<float> sqrt(squares / piece.width)))
-    return expf(<float> (1.0 / (ORDER + 1)) * logf(<float> left_out) - inverse_radius)
+        inverse_radius = max(inverse_radius, (0.5 / k) * (rough_log2(squares) - piece.log_width))
+    return exp2f(<float> (piece.log_left_out - inverse_radius))
+
+
+cdef inline double rough_log2(double x) noexcept nogil:
+    """Return the logarithm of a positive number to base 2, to 0.05: the bits of a number are nearly its logarithm."""
+    cdef int64_t bits
+    memcpy(&bits, &x, sizeof(x))
+    return bits * 2.0**-52 - 1022.957
 
 
 cdef void evaluate(const Piece *piece, const Work *work, double h, double *x, double *rate) noexcept nogil:
