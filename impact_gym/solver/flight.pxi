@@ -62,29 +62,28 @@ cdef struct GapDerivatives:
 
 cdef GapDerivatives gap_at(const FreeFlight *flight, double time) noexcept nogil:
     """Return the penetration and its derivatives at `time` (s)."""
-    cdef double z, z_dot, bend, w2 = flight.frequency * flight.frequency
-    cdef double c = 2.0 * flight.damping_ratio * flight.frequency
+    cdef double bend, w2 = flight.frequency * flight.frequency, c = 2.0 * flight.damping_ratio * flight.frequency
     cdef GapDerivatives gap
-    z, z_dot = flight.position, flight.velocity
+    gap.z, gap.z_dot = flight.position, flight.velocity
     if time > 0.0:
-        z, z_dot = free_decay(flight.frequency, flight.damping_ratio, z, z_dot, time)
-    bend = -w2 * z - c * z_dot
-    gap.z, gap.z_dot = z, z_dot
-    gap.order[0] = flight.start + (z - flight.position) + time * (flight.closing + 0.5 * flight.acceleration * time)
-    gap.order[1] = z_dot + flight.closing + flight.acceleration * time
+        gap.z, gap.z_dot = free_decay(flight.frequency, flight.damping_ratio, gap.z, gap.z_dot, time)
+    bend = -w2 * gap.z - c * gap.z_dot
+    gap.order[0] = flight.start + (gap.z - flight.position) + time * (flight.closing + 0.5 * flight.acceleration * time)
+    gap.order[1] = gap.z_dot + flight.closing + flight.acceleration * time
     gap.order[2] = bend + flight.acceleration
-    gap.order[3] = -w2 * z_dot - c * bend
+    gap.order[3] = -w2 * gap.z_dot - c * bend
     gap.order[4] = -w2 * bend - c * gap.order[3]
     return gap
 
 
 cdef double monotone_zero(
-    const FreeFlight *flight, int order, double low, const GapDerivatives *first, double high, const GapDerivatives *last
+    const FreeFlight *flight, int order, double low, const GapDerivatives *first, double high,
+    const GapDerivatives *last,
 ) noexcept nogil:
     """Return the time (s) from `low` to `high` at which derivative `order` of penetration, monotone there, is 0."""
     cdef GapDerivatives gap
     cdef bint rising = last.order[order] > 0.0
-    cdef double move, curved, time, span = high - low
+    cdef double move, bend, angle, time, span = high - low
     time = low + span * cubic_zero(
         first.order[order], span * first.order[order + 1], last.order[order], span * last.order[order + 1]
     )
@@ -96,13 +95,12 @@ cdef double monotone_zero(
             high = time
         else:
             low = time
-        if gap.order[order + 1] == 0.0:
-            time = low
-            continue
         move = -gap.order[order] / gap.order[order + 1]
-        curved = 0.5 * gap.order[order + 2] * move * move / gap.order[order + 1]  # the error of Newton's method
+        bend = 0.5 * move * gap.order[order + 2] / gap.order[order + 1]
+        move /= max(1.0 + bend, 0.5)  # Halley's method
         time += move
-        if fabs(curved) <= 1e-17 * high or fabs(move) <= 4e-16 * high:
+        angle = fabs(flight.frequency * move) + fabs(bend)
+        if angle * angle * fabs(move) <= 1e-17 * high:  # an estimate of the error that is left
             return min(max(time, low), high)
     return time
 
@@ -162,8 +160,7 @@ cdef double spring_touch(
     if fastest + flight.closing + max(flight.acceleration * horizon, 0.0) < 0.0:
         return INFINITY
     first = gap_at(&flight, 0.0)
-    low = within_reach(&flight, 0.0, &first)
-    high = 0.0
+    low, high = within_reach(&flight, 0.0, &first), 0.0
     for _ in range(MOST_BENDS):  # between zeros of its third derivative, the gap has at most one inflection
         if not low < horizon:
             return INFINITY
@@ -182,7 +179,7 @@ cdef double spring_touch(
 cdef double touch_between(
     const FreeFlight *flight, double begin, const GapDerivatives *first, double end, const GapDerivatives *last
 ) noexcept nogil:
-    """Return the time (s) of the first touch from `begin` to `end`, where the gap has at most one inflection; or inf."""
+    """Return the time (s) of the first touch from `begin` to `end`, with at most one inflection between; inf: none."""
     cdef double middle, touch
     cdef GapDerivatives between
     if (first.order[2] > 0.0) == (last.order[2] > 0.0):
@@ -200,15 +197,10 @@ cdef double touch_in_bend(
     cdef bint closing = first.order[1] > 0.0, still = last.order[1] > 0.0
     cdef double turn
     cdef GapDerivatives there
-    if begin >= end or not (closing or still):  # while the gap opens, an apparent touch is a rounding error
-        return INFINITY
-    if still and not last.order[0] > 0.0:  # penetration is largest at an end
+    # while the gap opens, an apparent touch is a rounding error; if it closes at the end, it is smallest at an end
+    if begin >= end or not (closing or still) or (still and not last.order[0] > 0.0):
         return INFINITY
     turn, there = end, last[0]
-    if closing and not still:
-        turn = (last.order[0] - first.order[0] - last.order[1] * (end - begin)) / (first.order[1] - last.order[1])
-        if first.order[0] + first.order[1] * turn < 0.0:  # penetration stays below both tangents
-            return INFINITY
     if closing != still:
         turn = monotone_zero(flight, 1, begin, first, end, last)
         there = gap_at(flight, turn)
