@@ -6,7 +6,7 @@
 cdef enum:
     LAST_ORDERS = 3  # number of last orders that give the radius of convergence; one of them can be all 0
 
-cdef double LEFT_OUT = -4.3  # log2(truncation error / allowed local error), small because a contact's errors add up
+cdef double LEFT_OUT = -6.3  # log2(truncation error / allowed local error), small because a contact's errors add up
 # log2(largest truncation error): 2e-8 for tolerances of 2e-5 (rtol 1e-4) and less, so that a contact that barely parts
 # is told from one that does not, as errors of contacts add up; 1e-5 for 2e-4 (rtol 1e-3) and more.
 cdef double STRICT = -25.6, LOOSE = -16.6
@@ -27,8 +27,8 @@ cdef void begin_analytic(const Run *run, Piece *piece) noexcept nogil:
         equations.tool_share = run.object_mass / (model.tool_mass + run.object_mass)
     equations.share = equations.tool_share if piece.object_state == STUCK else 1.0
     piece.log_width = rough_log2(piece.width)
-    left_out = max(STRICT, min(LOOSE, LOOSE + 2.5 * (log_tolerance + 12.3)))
-    piece.log_left_out = min(LEFT_OUT + log_tolerance, left_out) / (ORDER + 1)
+    left_out = min(LOOSE, LOOSE + 2.5 * (log_tolerance + 12.3))
+    piece.log_left_out = max(min(LEFT_OUT + log_tolerance, STRICT), left_out) / (ORDER + 1)
 
 
 cdef void analytic_rates(const Polynomial *equations, const double *x, double *rate) noexcept nogil:

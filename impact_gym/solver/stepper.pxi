@@ -11,7 +11,7 @@ cdef enum:
     EXPLICIT, STIFF, SERIES
     UNCHECKED = 25  # initial `attempts_before_check`: number of explicit attempts before stiffness is checked
     REPEATED = 10  # after more attempts than this near the limit of stability, the L-stable pair is used
-    REPEATED_SERIES = 30  # the same for series, which are faster
+    REPEATED_SERIES = 20  # the same for series, which are faster
     TRY = 10  # number of attempts of the L-stable pair between two trials of the series or the explicit pair
     MOST = 16 * UNCHECKED  # largest `attempts_before_check`
 
