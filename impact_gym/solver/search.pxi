@@ -143,7 +143,7 @@ cdef double find_maximum(
         if not low < fraction < high:
             fraction = 0.5 * (low + high)
         gain = fabs(h * summit.slope[row] * (fraction - before))
-        if exactly and gain <= piece.tolerance * fabs(summit.height[row]):
+        if exactly and gain <= max(1e-4 * piece.tolerance, 1e-14) * fabs(summit.height[row]):
             return before
         if not exactly and fabs(fraction - before) <= 1e-6:
             exactly = True
