@@ -15,6 +15,9 @@ from libc.string cimport memcpy, memset
 
 import numpy as np
 
+cdef extern from "math.h" nogil:
+    float exp2f(float x)
+
 cdef extern from *:
     """
     static inline void load_ahead(const void *record, size_t size) {  /* into cache; an invalid address does no harm */
@@ -141,7 +144,7 @@ def approach_rows(
             pack_model(&plan[i].mount, &model)
             run.model, given = &model, &plan[i].contact
             run.contact = contact_of(given.stiffness, given.nominal, given.m, given.n, given.reference)
-            run.object_mass, run.threshold = plan[i].object_mass, plan[i].threshold
+            run.object_mass, run.threshold, run.reaction = plan[i].object_mass, plan[i].threshold, plan[i].delay
             run.ground = STANDARD_GRAVITY * plan[i].friction
             run_approach(&run, &chain[i], &plan[i])
 
@@ -266,6 +269,7 @@ cdef class Rows:
         cdef Row row
         cdef int64_t i
         run.tables, run.recorder, run.work, run.max_steps = self.tables, self.recorder, &work, self.max_steps
+        run.reaction = 0.0
         with nogil:
             for i in range(first, last):
                 if skipped[i]:

@@ -48,8 +48,9 @@ def simulate(
         scene: the bodies and their connections, at rest at t = 0.
         motion: imposed motion of the robot.
         duration: length of the run, s.
-        rtol: relative error allowed in the results of contacts. Between contacts, the motion is integrated to `rtol`
-            with a bistable coupling, stops, a `RobotTable`, or a `SpringDamper` on a `Robot`; otherwise it is exact.
+        rtol: relative error allowed in the results of contacts, 1e-13 to 1e-2; looser ones are refused. Flights are
+            integrated to `rtol` with a bistable coupling, stops, a `RobotTable`, or a `SpringDamper` on a `Robot`;
+            otherwise they are exact.
         trace: whether to return time histories; other results do not change. Between contacts their points are at most
             1 ms apart, or 1e-5 of `duration` if that is longer. A contact has 8 or 12 points per integration step.
 

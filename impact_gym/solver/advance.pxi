@@ -91,6 +91,7 @@ cdef int advance(Run *run, Chain *chain, double acceleration, double until) noex
     """Advance to `until` (s) under a constant acceleration (m/s^2). Return ARRIVED, or an earlier status."""
     cdef double end
     cdef int status = ARRIVED
+    cdef bint undetected = isinf(chain.detection)
     while chain.time < until:
         end = smooth_until(run, chain, acceleration, until)
         if not chain.touching:
@@ -110,6 +111,8 @@ cdef int advance(Run *run, Chain *chain, double acceleration, double until) noex
             reset_memory(&chain.memory, FIRST_FLIGHT)
         elif status != ARRIVED and status != SWITCHED:
             return status
+        if undetected and not isinf(chain.detection):
+            return DETECTED
     return ARRIVED
 
 

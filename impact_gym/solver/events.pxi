@@ -64,12 +64,10 @@ cdef void evaluate_object_events(
 
 
 cdef inline bint acts(const Piece *piece, int row) noexcept nogil:
-    """Return whether the event of a row can occur in the piece."""
+    """Return whether the event of a row from `first_row` to before `end_row` can occur in the piece."""
     if SLIP <= row <= TOP:
         return piece.has_friction and (row == SLIP) == (piece.object_state == STUCK)
-    if row == ALIGNMENT:
-        return piece.model.bistable
-    return piece.model.stops or not FRONT_STOP <= row <= REAR_STOP
+    return row != ALIGNMENT or piece.model.bistable
 
 
 cdef void evaluate_slider_events(

@@ -57,38 +57,51 @@ cdef struct FreeFlight:  # at time t, penetration = start + z(t) - z(0) + closin
 
 cdef struct GapDerivatives:
     double[5] order  # penetration (m) and its first four derivatives
+    double z, z_dot  # m, m/s, of the free oscillation
 
 
 cdef GapDerivatives gap_at(const FreeFlight *flight, double time) noexcept nogil:
     """Return the penetration and its derivatives at `time` (s)."""
-    cdef double z, w2 = flight.frequency * flight.frequency, c = 2.0 * flight.damping_ratio * flight.frequency
+    cdef double bend, w2 = flight.frequency * flight.frequency, c = 2.0 * flight.damping_ratio * flight.frequency
     cdef GapDerivatives gap
-    z, gap.order[1] = free_decay(flight.frequency, flight.damping_ratio, flight.position, flight.velocity, time)
-    gap.order[2] = -w2 * z - c * gap.order[1]
-    gap.order[3] = -w2 * gap.order[1] - c * gap.order[2]
-    gap.order[4] = -w2 * gap.order[2] - c * gap.order[3]
-    gap.order[0] = flight.start + (z - flight.position) + time * (flight.closing + 0.5 * flight.acceleration * time)
-    gap.order[1] += flight.closing + flight.acceleration * time
-    gap.order[2] += flight.acceleration
+    gap.z, gap.z_dot = flight.position, flight.velocity
+    if time > 0.0:
+        gap.z, gap.z_dot = free_decay(flight.frequency, flight.damping_ratio, gap.z, gap.z_dot, time)
+    bend = -w2 * gap.z - c * gap.z_dot
+    gap.order[0] = flight.start + (gap.z - flight.position) + time * (flight.closing + 0.5 * flight.acceleration * time)
+    gap.order[1] = gap.z_dot + flight.closing + flight.acceleration * time
+    gap.order[2] = bend + flight.acceleration
+    gap.order[3] = -w2 * gap.z_dot - c * bend
+    gap.order[4] = -w2 * bend - c * gap.order[3]
     return gap
 
 
-cdef double monotone_zero(const FreeFlight *flight, int order, bint rising, double low, double high) noexcept nogil:
+cdef double monotone_zero(
+    const FreeFlight *flight, int order, double low, const GapDerivatives *first, double high,
+    const GapDerivatives *last,
+) noexcept nogil:
     """Return the time (s) from `low` to `high` at which derivative `order` of penetration, monotone there, is 0."""
     cdef GapDerivatives gap
-    cdef double following, time = 0.5 * (low + high)
+    cdef bint rising = last.order[order] > 0.0
+    cdef double move, bend, angle, time, span = high - low
+    time = low + span * cubic_zero(
+        first.order[order], span * first.order[order + 1], last.order[order], span * last.order[order + 1]
+    )
     for _ in range(100):
+        if not low < time < high:
+            time = 0.5 * (low + high)
         gap = gap_at(flight, time)
         if (gap.order[order] > 0.0) == rising:
             high = time
         else:
             low = time
-        following = time - gap.order[order] / gap.order[order + 1] if gap.order[order + 1] != 0.0 else low
-        if not low < following < high:
-            following = 0.5 * (low + high)
-        if fabs(following - time) <= 4e-16 * high:
-            return following
-        time = following
+        move = -gap.order[order] / gap.order[order + 1]
+        bend = 0.5 * move * gap.order[order + 2] / gap.order[order + 1]
+        move /= max(1.0 + bend, 0.5)  # Halley's method
+        time += move
+        angle = fabs(flight.frequency * move) + fabs(bend)
+        if angle * angle * fabs(move) <= 1e-17 * high:  # an estimate of the error that is left
+            return min(max(time, low), high)
     return time
 
 
@@ -114,17 +127,20 @@ cdef double inflection_time(const FreeFlight *flight, double after, const GapDer
     return after + atanh(ratio * split) / split if ratio * split < 1.0 else INFINITY
 
 
-cdef double within_reach(const FreeFlight *flight, double begin) noexcept nogil:
-    """Return a time (s) before which no touch is possible, or inf. After `begin`, |z| <= hypot(z, z' / omega)."""
-    cdef double gap, swing, closed, z = flight.position, z_dot = flight.velocity
-    if begin > 0.0:
-        z, z_dot = free_decay(flight.frequency, flight.damping_ratio, z, z_dot, begin)
-    closed = flight.start + (z - flight.position) + begin * (flight.closing + 0.5 * flight.acceleration * begin)
-    swing = sqrt((z_dot / flight.frequency) ** 2 + z * z) - z
-    gap = -closed - swing
-    if gap <= 0.0:
-        return begin
-    return begin + gap_closes(gap, flight.closing + flight.acceleration * begin, flight.acceleration)
+cdef double within_reach(const FreeFlight *flight, double time, const GapDerivatives *gap) noexcept nogil:
+    """Return a time (s) before which no touch is possible, or inf. After `time`, |z| <= hypot(z, z' / omega)."""
+    cdef double distance = gap.z - gap.order[0] - sqrt((gap.z_dot / flight.frequency) ** 2 + gap.z * gap.z)
+    if distance <= 0.0:
+        return time
+    return time + gap_closes(distance, flight.closing + flight.acceleration * time, flight.acceleration)
+
+
+cdef bint stays_apart(const GapDerivatives *first, const GapDerivatives *last, double span) noexcept nogil:
+    """Return whether a bound excludes a touch within `span` (s). The second derivative is monotone in between."""
+    cdef double half = 0.5 * span, bend = 0.5 * max(max(first.order[2], last.order[2]), 0.0)
+    cdef double after = first.order[0] + half * (first.order[1] + half * bend)
+    cdef double before = last.order[0] - half * (last.order[1] - half * bend)
+    return after < 0.0 and before < 0.0 and last.order[0] < 0.0
 
 
 cdef double spring_touch(
@@ -132,32 +148,46 @@ cdef double spring_touch(
 ) noexcept nogil:
     """Return the time (s) until the first touch; inf if not within `horizon` (s), nan if MOST_BENDS did not suffice."""
     cdef FreeFlight flight
-    cdef GapDerivatives first, between, last
-    cdef double low, high, middle, touch
+    cdef GapDerivatives first, last
+    cdef double low, high, touch, fastest
     flight.frequency, flight.damping_ratio = model.frequency, model.damping_ratio
     flight.position = chain.deflection + acceleration / (model.frequency * model.frequency)
     flight.velocity = chain.deflection_rate
     flight.start = min(chain.penetration, 0.0)
     flight.closing = chain.penetration_rate - chain.deflection_rate
     flight.acceleration = acceleration + ground
-    low = within_reach(&flight, 0.0)
+    fastest = sqrt(flight.velocity * flight.velocity + (flight.frequency * flight.position) ** 2)  # by its energy
+    if fastest + flight.closing + max(flight.acceleration * horizon, 0.0) < 0.0:
+        return INFINITY
+    first = gap_at(&flight, 0.0)
+    low, high = within_reach(&flight, 0.0, &first), 0.0
     for _ in range(MOST_BENDS):  # between zeros of its third derivative, the gap has at most one inflection
         if not low < horizon:
             return INFINITY
-        first = gap_at(&flight, low)
+        if low > high:
+            first = gap_at(&flight, low)
         high = min(inflection_time(&flight, low, &first), horizon)
         last = gap_at(&flight, high)
-        middle, between = high, last
-        if (first.order[2] > 0.0) != (last.order[2] > 0.0):
-            middle = monotone_zero(&flight, 2, last.order[2] > 0.0, low, high)
-            between = gap_at(&flight, middle)
-        touch = touch_in_bend(&flight, low, &first, middle, &between)
-        if touch == INFINITY:
-            touch = touch_in_bend(&flight, middle, &between, high, &last)
-        if touch < INFINITY:
-            return touch
-        low = within_reach(&flight, high)
+        if not stays_apart(&first, &last, high - low):
+            touch = touch_between(&flight, low, &first, high, &last)
+            if touch < INFINITY:
+                return touch
+        first, low = last, within_reach(&flight, high, &last)
     return NAN
+
+
+cdef double touch_between(
+    const FreeFlight *flight, double begin, const GapDerivatives *first, double end, const GapDerivatives *last
+) noexcept nogil:
+    """Return the time (s) of the first touch from `begin` to `end`, with at most one inflection between; inf: none."""
+    cdef double middle, touch
+    cdef GapDerivatives between
+    if (first.order[2] > 0.0) == (last.order[2] > 0.0):
+        return touch_in_bend(flight, begin, first, end, last)
+    middle = monotone_zero(flight, 2, begin, first, end, last)
+    between = gap_at(flight, middle)
+    touch = touch_in_bend(flight, begin, first, middle, &between)
+    return touch if touch < INFINITY else touch_in_bend(flight, middle, &between, end, last)
 
 
 cdef double touch_in_bend(
@@ -167,18 +197,18 @@ cdef double touch_in_bend(
     cdef bint closing = first.order[1] > 0.0, still = last.order[1] > 0.0
     cdef double turn
     cdef GapDerivatives there
-    if begin >= end or not (closing or still):  # while the gap opens, an apparent touch is a rounding error
+    # while the gap opens, an apparent touch is a rounding error; if it closes at the end, it is smallest at an end
+    if begin >= end or not (closing or still) or (still and not last.order[0] > 0.0):
         return INFINITY
     turn, there = end, last[0]
     if closing != still:
-        turn = monotone_zero(flight, 1, still, begin, end)
+        turn = monotone_zero(flight, 1, begin, first, end, last)
         there = gap_at(flight, turn)
     if closing:
         if there.order[0] > 0.0:
-            return begin if first.order[0] >= 0.0 else monotone_zero(flight, 0, True, begin, turn)
-    elif last.order[0] > 0.0:
-        return turn if there.order[0] >= 0.0 else monotone_zero(flight, 0, True, turn, end)
-    return INFINITY
+            return begin if first.order[0] >= 0.0 else monotone_zero(flight, 0, begin, first, turn, &there)
+        return INFINITY
+    return turn if there.order[0] >= 0.0 else monotone_zero(flight, 0, turn, &there, end, last)
 
 
 cdef inline double ground_now(const Run *run, const Chain *chain) noexcept nogil:

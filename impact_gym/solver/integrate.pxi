@@ -46,6 +46,10 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
             break
         if not good_step(&piece, work, start, end, undetected, &h, &taken, &found):
             continue
+        if found.detection <= work.trial[TIME]:
+            chain.detection = chain.time + found.detection * piece.units.time
+            undetected, until = False, min(until, chain.detection + run.reaction)
+            piece.horizon = min(piece.horizon, found.detection + piece.reaction)
         if run.recorder.trace_rows > 0 and taken > 0.0:
             trace_step(run, &piece, chain, taken)
         if not flying:
@@ -112,7 +116,7 @@ cdef bint good_step(
         h[0] = found.fraction * tried
         return False
     if found.event != NOTHING:
-        taken[0] = step_onto_first(piece, work, tried, start, end, undetected, found, &error)
+        taken[0] = step_onto_first(piece, work, tried, start, end, undetected and isinf(found.detection), found, &error)
         if found.event == SHORTER:
             h[0] = found.fraction * taken[0]
             return False

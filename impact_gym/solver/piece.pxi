@@ -17,9 +17,11 @@ cdef struct Piece:
     Units units
     bint analytic  # 1: m = n = 3/2 in a rigid or spring chain, see `series.pxi`; 0: a general piece, see `general.pxi`
     Polynomial polynomial  # the equations of an analytic piece
+    double log_width, log_left_out  # base 2, of `width`; of the truncation error allowed, divided by ORDER + 1
     bint flying  # whether the piece is a flight; then scaled penetration replaces z, and scaled time replaces s
     const Contact *unclamped  # the contact law (see `contact.pxi`); its force f can be negative
     Contact contact  # the same law, but f = 0 while `Chain.force_active` is 0
+    int first_row, end_row  # all rows that can have events are from the first to before the end, see `acts`
     bint has_friction  # whether there is friction under the object
     int object_state  # SLIDING or STUCK
     double friction  # scaled largest friction force on the object, mu m_p g
@@ -27,7 +29,7 @@ cdef struct Piece:
     double ground  # scaled deceleration of the object by friction, 0 if the object sticks
     double standstill  # scaled speed; a sliding object counts as at rest when it moves backwards faster than this
     double tolerance  # -, allowed local error of a step
-    double threshold  # scaled force threshold, `Run.threshold` / `units.force`
+    double threshold, reaction  # scaled `Run.threshold` and `Run.reaction`
     double horizon  # scaled duration of the piece, unless an event ends it earlier
     double position, velocity, acceleration  # m, m/s, m/s^2, of the imposed motion, at the start of the piece
 
@@ -62,12 +64,15 @@ cdef void begin_piece(
     piece.analytic = has_series(run)
     piece.width = WIDTHS[model.kind]
     piece.threshold = run.threshold / piece.units.force
+    piece.reaction = run.reaction / piece.units.time
     piece.horizon = (until - chain.time) / piece.units.time
     piece.push = acceleration * piece.units.time / piece.units.velocity
     piece.position, piece.velocity = chain.flange_position, chain.flange_velocity
     piece.has_friction, piece.object_state = run.ground > 0.0, <int> chain.object_state
     piece.ground = (run.ground if chain.object_state != STUCK else 0.0) * piece.units.time / piece.units.velocity
     piece.friction = run.object_mass * run.ground / piece.units.force
+    piece.first_row = CLOCK if not flying else FRONT_STOP if model.stops else TOUCH
+    piece.end_row = ROWS if flying else TOUCH if model.stops else FRONT_STOP if piece.has_friction else SLIP
     piece.standstill = STANDSTILL * (1.0 + fabs(chain.flange_velocity) / piece.units.velocity)
     if model.kind == RIGID_CHAIN:  # as if the tool were infinitely heavy, and moved by inertia only
         piece.ground, piece.push = piece.ground + piece.push, 0.0

@@ -10,6 +10,7 @@ cdef double SHORTEST_STEP = 1e-10  # scaled; if a step below this length starts 
 cdef struct Finding:
     int event  # the first event in the step, NOTHING, or SHORTER
     double fraction  # position of the event in the step, 0 to 1; for SHORTER the factor for the step's length
+    double detection  # scaled time in the piece of a detection that does not end the step; inf: none
     double within  # a position in the step, 0 to 1, at or after the event
     double peak, top  # scaled maxima inside the step (0: none) of the contact force and of a sliding object's speed
     double peak_at, top_at  # distances of `peak` and `top` from the start of the step, in the variable s
@@ -19,17 +20,17 @@ cdef Finding search(
     const Piece *piece, Work *work, double h, const Events *start, const Events *end, bint undetected
 ) noexcept nogil:
     """Return the first event in the last tried step, of length `h`; `start` and `end` have the rows at both ends."""
-    cdef Finding found = Finding(NOTHING, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0)
+    cdef Finding found = Finding(NOTHING, 1.0, INFINITY, 1.0, 0.0, 0.0, 0.0, 0.0)
     cdef int row
     cdef double high, fraction, reached
     cdef Events summit
-    for row in range(FRONT_STOP if piece.flying else CLOCK, ROWS if piece.flying else TOUCH):
+    for row in range(piece.first_row, piece.end_row):
         if not acts(piece, row):
             continue
         high, reached = 1.0, end.value[row]
         if (row == FORCE or row == SLIP) and piece.contact.n == 0.0 and work.x[ROOT] == 0.0:
             if end.slope[FORCE] < 0.0 and rises_at_onset(piece, work, h):
-                return Finding(SHORTER, 0.25, 1.0, 0.0, 0.0, 0.0, 0.0)  # try a step that may end before the peak force
+                return Finding(SHORTER, 0.25, INFINITY, 1.0, 0.0, 0.0, 0.0, 0.0)  # a step may end before the peak
         elif (row == FORCE or (row >= CLAMP and reached <= 0.0)) and has_inner_maximum(row, h, start, end):
             fraction = find_maximum(piece, work, h, row, start, end, &summit)
             if row == FORCE:
@@ -41,17 +42,21 @@ cdef Finding search(
         if not reached > 0.0 or (row == FORCE and not undetected):
             continue
         if starts_on(row, h, start, reached):
-            return Finding(SHORTER, 0.5, 1.0, 0.0, 0.0, 0.0, 0.0)
-        if row == CLOCK:
-            fraction = clock_fraction(piece, work, h)
-        else:
-            fraction = crossing_fraction(piece, work, h, row, start, end, high)
+            return Finding(SHORTER, 0.5, INFINITY, 1.0, 0.0, 0.0, 0.0, 0.0)
+        fraction = crossing_fraction(piece, work, h, row, start, end, high)
+        if row == FORCE and piece.reaction > 0.0:
+            probe_exactly(piece, work, h, fraction)
+            evaluate_events(piece, work.probe, work.probe_rate, &summit)
+            found.detection = work.probe[TIME] - summit.value[FORCE] / summit.slope[FORCE] * work.probe_rate[TIME]
+            if work.trial[TIME] - found.detection <= piece.reaction:
+                continue
+            found.detection = INFINITY
         if found.event == NOTHING or fraction < found.fraction:
             found.event, found.fraction, found.within = row, fraction, high
     if found.event == NOTHING and piece.flying:
         fraction = inflection_fraction(work, h)
         if fraction < 1.0:
-            return Finding(SHORTER, fraction, 1.0, 0.0, 0.0, 0.0, 0.0)
+            return Finding(SHORTER, fraction, INFINITY, 1.0, 0.0, 0.0, 0.0, 0.0)
     return found
 
 
@@ -73,7 +78,7 @@ cdef bint starts_on(int row, double h, const Events *start, double reached) noex
 cdef int earlier_event(const Piece *piece, const Events *end, int reached, bint undetected) noexcept nogil:
     """Return an event that also occurred in a step that ends on event `reached`, or NOTHING."""
     cdef int row
-    for row in range(FRONT_STOP if piece.flying else CLOCK, ROWS if piece.flying else TOUCH):
+    for row in range(piece.first_row, piece.end_row):
         if not acts(piece, row):
             continue
         if row != reached and end.value[row] > 0.0 and (undetected or row != FORCE):
@@ -138,7 +143,7 @@ cdef double find_maximum(
         if not low < fraction < high:
             fraction = 0.5 * (low + high)
         gain = fabs(h * summit.slope[row] * (fraction - before))
-        if exactly and gain <= piece.tolerance * fabs(summit.height[row]):
+        if exactly and gain <= max(1e-4 * piece.tolerance, 1e-14) * fabs(summit.height[row]):
             return before
         if not exactly and fabs(fraction - before) <= 1e-6:
             exactly = True
@@ -150,7 +155,7 @@ cdef double cubic_zero(double start, double start_slope, double end, double end_
     """Estimate the zero in (0, 1) of a cubic with these values and slopes at 0 and 1. The values differ in sign."""
     cdef double f, tangent, a = 3.0 * (end - start) - 2.0 * start_slope - end_slope
     cdef double b = start_slope + end_slope - 2.0 * (end - start), t = start / (start - end)
-    for _ in range(4):
+    for _ in range(3):
         f = start + t * (start_slope + t * (a + t * b))
         tangent = start_slope + t * (2.0 * a + 3.0 * t * b)
         if tangent == 0.0:
@@ -162,7 +167,7 @@ cdef double cubic_zero(double start, double start_slope, double end, double end_
 cdef double crossing_fraction(
     const Piece *piece, Work *work, double h, int row, const Events *start, const Events *end, double high
 ) noexcept nogil:
-    """Find the fraction of the step, to 1e-9, at which a row is 0. The row is negative at 0 and positive at `high`."""
+    """Find the fraction of the step, to about 1e-8, at which a row is 0. It is negative at 0 and positive at `high`."""
     cdef double low = 0.0, fraction = 0.5 * high, value, move
     cdef Events events
     if start.value[row] >= 0.0:  # because of rounding
@@ -176,7 +181,7 @@ cdef double crossing_fraction(
         evaluate_events(piece, work.probe, work.probe_rate, &events)
         value = events.value[row]
         move = -value / (h * events.slope[row])
-        if fabs(move) <= 1e-9:
+        if fabs(move) <= 1e-4:  # the error of Newton's method is about the square of this
             return min(max(fraction + move, 0.0), high)
         if value > 0.0:
             high = fraction
@@ -186,29 +191,6 @@ cdef double crossing_fraction(
         if high - low <= 1e-12:
             break
     return high
-
-
-cdef double clock_fraction(const Piece *piece, const Work *work, double h) noexcept nogil:
-    """Estimate the fraction u of the step at which the piece ends, from t, z, w and dw/ds at the step's ends."""
-    cdef double v0 = h * work.x[ROOT], a0 = 0.25 * h * h * work.x[RATE], j0 = h * h * h / 12.0 * work.rate[RATE]
-    cdef double v1 = h * work.trial[ROOT], a1 = 0.25 * h * h * work.trial[RATE]
-    cdef double j1 = h * h * h / 12.0 * work.trial_rate[RATE]
-    cdef double way = work.trial[TIME] - work.x[TIME], left = piece.horizon - work.x[TIME]
-    # A polynomial of degree 7 in u interpolates time. At the step's end, its terms up to degree 3 miss time by p,
-    # and their first three derivatives (divided by 1, 2 and 6) miss those of time by q, r and t.
-    cdef double p = way - v0 - a0 - j0, q = v1 - v0 - 2.0 * a0 - 3.0 * j0
-    cdef double r = a1 - a0 - 3.0 * j0, t = j1 - j0
-    cdef double c4 = 35.0 * p - 15.0 * q + 5.0 * r - t, c5 = -84.0 * p + 39.0 * q - 14.0 * r + 3.0 * t
-    cdef double c6 = 70.0 * p - 34.0 * q + 13.0 * r - 3.0 * t, c7 = -20.0 * p + 10.0 * q - 4.0 * r + t
-    cdef double u = left / way, value, slope
-    for _ in range(8):
-        value = u * (v0 + u * (a0 + u * (j0 + u * (c4 + u * (c5 + u * (c6 + u * c7))))))
-        slope = v0 + u * (2.0 * a0 + u * (3.0 * j0 + u * (4.0 * c4 + u * (5.0 * c5 + u * (6.0 * c6 + u * 7.0 * c7)))))
-        value = (left - value) / slope
-        u = min(max(u + value, 0.0), 1.0)
-        if fabs(value) <= 1e-12:
-            break
-    return u
 
 
 cdef double inflection_fraction(const Work *work, double h) noexcept nogil:

@@ -6,8 +6,10 @@
 cdef enum:
     LAST_ORDERS = 3  # number of last orders that give the radius of convergence; one of them can be all 0
 
-cdef double LEFT_OUT = 0.05  # largest truncation error / allowed local error, small because a contact's errors add up
-cdef double MOST_LEFT_OUT = 2e-8  # largest truncation error at any tolerance, because the errors of contacts add up
+cdef double LEFT_OUT = -6.3  # log2(truncation error / allowed local error), small because a contact's errors add up
+# log2(largest truncation error): 2e-8 for tolerances of 2e-5 (rtol 1e-4) and less, so that a contact that barely parts
+# is told from one that does not, as errors of contacts add up; 1e-5 for 2e-4 (rtol 1e-3) and more.
+cdef double STRICT = -25.6, LOOSE = -16.6
 cdef double TOO_STEEP = 1e30  # above this sum of squares of an order's weighted coefficients, the L-stable pair is used
 
 
@@ -15,6 +17,7 @@ cdef void begin_analytic(const Run *run, Piece *piece) noexcept nogil:
     """Set `piece.polynomial`; in a rigid chain the tool is infinitely heavy and has no spring."""
     cdef const ChainModel *model = run.model
     cdef Polynomial *equations = &piece.polynomial
+    cdef double left_out, log_tolerance = rough_log2(piece.tolerance)
     memset(equations, 0, sizeof(Polynomial))
     equations.active, equations.damping = piece.contact.active, piece.contact.damping
     equations.ground, equations.push = piece.ground, piece.push
@@ -23,6 +26,9 @@ cdef void begin_analytic(const Run *run, Piece *piece) noexcept nogil:
         equations.pull_y_dot = -2.0 * model.damping_ratio * model.frequency * piece.units.time
         equations.tool_share = run.object_mass / (model.tool_mass + run.object_mass)
     equations.share = equations.tool_share if piece.object_state == STUCK else 1.0
+    piece.log_width = rough_log2(piece.width)
+    left_out = min(LOOSE, LOOSE + 2.5 * (log_tolerance + 12.3))
+    piece.log_left_out = max(min(LEFT_OUT + log_tolerance, STRICT), left_out) / (ORDER + 1)
 
 
 cdef void analytic_rates(const Polynomial *equations, const double *x, double *rate) noexcept nogil:
@@ -62,9 +68,8 @@ cdef void expand(const Piece *piece, Work *work) noexcept nogil:
 
 cdef double longest_by_series(const Piece *piece, const Work *work) noexcept nogil:
     """Return the step with the allowed truncation error, if coefficients decay like radius^-order; 0: see TOO_STEEP."""
-    cdef float inverse_radius = -7.0  # ln(1 / radius); at least -7, because coefficients of the last orders can be 0
+    cdef double squares, inverse_radius = -10.0  # log2(1 / radius), not less: coefficients of last orders can be 0
     cdef double[COMPONENTS] weight
-    cdef double squares, left_out = min(LEFT_OUT * piece.tolerance, MOST_LEFT_OUT)
     cdef int i, k
     for i in range(COMPONENTS):
         weight[i] = max(fabs(work.series[0][i]), 1.0)
@@ -75,8 +80,15 @@ cdef double longest_by_series(const Piece *piece, const Work *work) noexcept nog
             squares += weight[i] * (work.series[k][i] * work.series[k][i])
         if not squares < TOO_STEEP:
             return 0.0
-        inverse_radius = max(inverse_radius, <float> (1.0 / k) * logf(<float> sqrt(squares / piece.width)))
-    return expf(<float> (1.0 / (ORDER + 1)) * logf(<float> left_out) - inverse_radius)
+        inverse_radius = max(inverse_radius, (0.5 / k) * (rough_log2(squares) - piece.log_width))
+    return exp2f(<float> (piece.log_left_out - inverse_radius))
+
+
+cdef inline double rough_log2(double x) noexcept nogil:
+    """Return the logarithm of a positive number to base 2, to 0.05: the bits of a number are nearly its logarithm."""
+    cdef int64_t bits
+    memcpy(&bits, &x, sizeof(x))
+    return bits * 2.0**-52 - 1022.957
 
 
 cdef void evaluate(const Piece *piece, const Work *work, double h, double *x, double *rate) noexcept nogil:

@@ -5,7 +5,7 @@ cpdef enum:  # kinds of chain; rigid: the tool has the imposed motion; spring: o
 
 cpdef enum:
     ARRIVED = 0  # the requested time is reached
-    DETECTED = 1  # the contact force exceeds the threshold for the first time
+    DETECTED = 1  # the contact force exceeded the threshold for the first time, less than `Run.reaction` ago
     TOUCHED = 2  # a contact begins
     PARTED = 3  # the contact has ended
     SWITCHED = 4  # another event ended a piece of the motion, see `conclude` in `integrate.pxi`
@@ -182,6 +182,7 @@ cdef struct Run:  # what the functions of the solver need in a run
     double object_mass  # kg
     double ground  # m/s^2, mu g, deceleration of an object that slides; 0 without friction
     double threshold  # N, contact force that sets `Chain.detection` when it is first exceeded; inf: none
+    double reaction  # s, from the detection to the next change of the imposed motion; 0: stop at the detection
     bint tell_touch  # whether `command` returns at the first touch
     double tolerance  # -, allowed local error of a step: absolute in natural units, but relative for components above 1
     int64_t max_steps

@@ -11,6 +11,7 @@ cdef enum:
     EXPLICIT, STIFF, SERIES
     UNCHECKED = 25  # initial `attempts_before_check`: number of explicit attempts before stiffness is checked
     REPEATED = 10  # after more attempts than this near the limit of stability, the L-stable pair is used
+    REPEATED_SERIES = 20  # the same for series, which are faster
     TRY = 10  # number of attempts of the L-stable pair between two trials of the series or the explicit pair
     MOST = 16 * UNCHECKED  # largest `attempts_before_check`
 
@@ -68,7 +69,7 @@ cdef double judge(const Piece *piece, Work *work, double h, double *error) noexc
     elif work.method != STIFF and memory.attempts > memory.attempts_before_check:
         if h * apparent_eigenvalue(piece, work) <= NEAR:
             memory.attempts -= 1
-        if memory.attempts > memory.attempts_before_check + REPEATED:
+        if memory.attempts > memory.attempts_before_check + (REPEATED_SERIES if work.method == SERIES else REPEATED):
             memory.method, memory.attempts = STIFF, 0
     return step_factor(work, error[0])
 
