@@ -52,7 +52,7 @@ def pictures(rows: tuple[tuple[str, str, str], ...]) -> Iterator[Image.Image]:
             canvas = renderer.draw(run, min(time, run.now), factor)
             canvas.text(label, (480.0, 86.0), 36, anchor="center")
             drawn.append(canvas.pixels())
-        return Image.fromarray(np.vstack(drawn)).resize((640, 360 * len(rows)), Image.Resampling.LANCZOS)
+        return Image.fromarray(np.vstack(drawn)).resize((560, 315 * len(rows)), Image.Resampling.LANCZOS)
 
     pace = SECONDS / lasts[-1]
     for at, time in zip(shown, np.interp(shown, lasts, starts), strict=True):
@@ -64,7 +64,5 @@ def pictures(rows: tuple[tuple[str, str, str], ...]) -> Iterator[Image.Image]:
 for name in sys.argv[1:] or FILMS:
     first, *others = pictures(FILMS[name])
     file = Path("docs/films", f"{name}.webp")
-    first.save(
-        file, save_all=True, append_images=others, duration=1000 // RATE, loop=0, lossless=True, quality=70, method=4
-    )
+    first.save(file, save_all=True, append_images=others, duration=1000 // RATE, loop=0, quality=40, method=4)
     print(file)
