@@ -130,15 +130,19 @@ class RobotTable(Parameters, path="robot"):
                 )
 
     @property
-    @lru_cache(maxsize=64)  # noqa: B019  # up to 64 tables stay in memory
     def splines(self) -> Any:
         """Mass, stiffness and damping as one `scipy.interpolate.CubicSpline` of the position."""
-        return CubicSpline(self.position, np.array([self.mass, self.stiffness, self.damping]).T)
+        return _splines(self)
 
     def at(self, position: float) -> Robot:
         """Return the robot with its parameters at `position` (m)."""
         x = number("position", position, "m")
         return Robot(*map(float, self.splines(min(max(x, self.position[0]), self.position[-1]))))
+
+
+@lru_cache(maxsize=64)  # not of the property: Python 3.14 then refuses the slots of its class
+def _splines(table: RobotTable) -> Any:
+    return CubicSpline(table.position, np.array([table.mass, table.stiffness, table.damping]).T)
 
 
 @dataclass(frozen=True, slots=True)
