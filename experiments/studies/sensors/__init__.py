@@ -92,7 +92,7 @@ def compared(frames: Frames, resamples: Resamples) -> tuple[Table, str]:
     less = {name: estimate(100.0 * (1.0 - cost / costs[OURS])) for name, cost in costs.items()}
     rows = [
         [name, f"{estimate(costs[name]):.3f}", "" if name == OURS else f"{less[name]:.1f}",
-         f"{100.0 * each['missed'].mean():.1f}", f"{each['seed'].n_unique()}" if "PPO" in name else ""]
+         f"{100.0 * each['missed'].to_numpy().mean():.1f}", f"{each['seed'].n_unique()}" if "PPO" in name else ""]
         for name, each in found.items()
     ]  # fmt: skip
     best = max((name for name in less if "PPO" in name), key=lambda name: less[name].value)

@@ -66,9 +66,10 @@ class Inputs:
         self.name, self.spec = name, ObservationSpec(SETUP.task)
         self.rule = tuned_rule(read_tuned("sensed-robust-profile")).for_task(SETUP.task)
 
-    def see(self, observations: NDArray[Any], state: Any, start: NDArray[np.bool_]) -> tuple[Floats, Floats, Any]:
+    def see(self, observations: Any, state: Any, start: NDArray[np.bool_]) -> tuple[Floats, Floats, Any]:
         """Return additional numbers (n, k) for `observations` (n, n_obs), actions (n, 2) to add, and the next state."""
-        view, added = View(observations[:, : len(self.spec)], self.spec), np.zeros((len(observations), 2))
+        view = View(observations[:, : len(self.spec)], self.spec)
+        added: NDArray[Any] = np.zeros((len(observations), 2))
         if self.name == "reading":
             return added[:, :0], added, None
         if self.name == "readings":
@@ -116,7 +117,7 @@ def trained(name: str, seed: int, steps: int) -> Controller:
             observations, rewards, ended, infos = self.venv.step_wait()  # without a limit of steps, none is truncated
             return self.seen(observations, ended), rewards, ended, infos
 
-        def seen(self, observations: NDArray[Any], start: NDArray[np.bool_]) -> NDArray[np.float32]:
+        def seen(self, observations: Any, start: NDArray[np.bool_]) -> NDArray[np.float32]:
             more, self.added, self.state = inputs.see(observations, self.state, start)
             return numbers(observations, more)
 
