@@ -114,10 +114,11 @@ def faults(path: Path, limited: bool) -> Iterator[tuple[str, str]]:
         times = [time for time, _ in results.runs[name].front]
         if claims and not min(times) <= at <= max(times):
             yield "numbers at equal times", f"{name} takes {min(times):.3f} to {max(times):.3f} s, the rule {at:.3f} s"
-    (near, far), named = task.scenario.distance, " ".join(robustness.where_it_fails(results, found.controller))
-    for place in ([far, OUTSIDE * far], [near / OUTSIDE, near]):
+    (near, far), (called, worst, details) = task.scenario.distance, robustness.where_it_fails(results, found.controller)
+    named = f"{called} {worst} {details.partition('Tried')[0]}"
+    for place, word in (([far, OUTSIDE * far], "farther"), ([near / OUTSIDE, near], "nearer")):
         missed = fresh(found.controller, distance=place).missed.mean() - ours.missed.mean()
-        if missed > 3.0 * MISSED_TOO_OFTEN and "distance" not in named:
+        if missed > 3.0 * MISSED_TOO_OFTEN and word not in named:
             yield "failures outside are named", f"{100 * missed:.0f} % more are missed at {place} m, but: {named}"
     printed = re.search(
         r"objects at ([\d.]+) m/s \(mean\).* after ([\d.]+) s and misses (\d+)", " ".join(check.lines(setup))
