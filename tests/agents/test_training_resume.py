@@ -122,9 +122,9 @@ def test_resume_refuses_what_it_cannot_continue(part, tmp_path):
     good, (content, arrays) = saved.read_bytes(), read_archive(saved, FORMAT)
     settings = content["settings"]
     for other in ({"settings": settings | {"seed": 3}}, {"settings": settings | {"learning_rate": 0.1}},
-                  {"settings": 3}, {"parameters": []}, {"parameters": {"tensor": "no"}}, {"counters": 3}, {"environment": None},
-                  {"last": [1]}, {"torch": "x"}, {"numpy": {}}, {"python": [3, [], 1e400]}, {"log": []},
-                  {"callback_state": 5}):  # fmt: skip
+                  {"settings": 3}, {"parameters": []}, {"parameters": {"tensor": "no"}}, {"counters": 3},
+                  {"environment": None}, {"last": [1]}, {"torch": "x"}, {"numpy": {}}, {"python": [3, [], 1e400]},
+                  {"log": []}, {"callback_state": 5}):  # fmt: skip
         saved.write_bytes(archive_of(FORMAT, content | other, arrays))
         refused(lambda: resume(part), "does not fit this training")
     for damaged in (b"", b"x", good[:999], pickle.dumps(settings)):
