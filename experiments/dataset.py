@@ -43,7 +43,8 @@ SEED = 70_000_000  # default seed of the first episode; tuning, evaluation and t
 ROOT = "MINARI_DATASETS_PATH"
 MOST_PACKED = 20  # largest ratio of an array's size to that of its file
 UNREADABLE = (
-    AssertionError, AttributeError, LookupError, OSError, RuntimeError, TypeError, ValueError, gym.error.Error,
+    AssertionError, AttributeError, LookupError, OSError, RuntimeError, SystemError, TypeError, ValueError,
+    gym.error.Error,
 )  # fmt: skip
 """Errors that a damaged or hostile dataset can raise."""
 Players = Callable[[float], Controller]  # returns the controller for an episode's time weight, m/s per s
