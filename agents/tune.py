@@ -83,11 +83,6 @@ class Tune(Options):
         if unknown := [name for name in self.names if name not in known]:
             raise ValueError(nearest("baseline to tune", unknown[0], known))
 
-    @property
-    def searches(self) -> Path:
-        """The folder of finished searches."""
-        return self.jobs or (self.out / "searches" if self.out else Path("runs/tune"))
-
     def baselines(self) -> dict[str, Setup]:
         """Return the set-up of each baseline to tune, by the name of the baseline."""
         wanted: dict[str, Setup] = {}
@@ -113,11 +108,13 @@ class Tune(Options):
         return setup.folder / "tuned" if self.out is None else self.out
 
     def search_all(
-        self, search: Callable[..., Any], arguments: list[dict[str, Any]], title: str, done: Callable[[int, Any], None]
-    ) -> None:
-        """Call `search` with each of `arguments`, and `done` with each index and result."""
-        where: dict[str, Any] = {"processes": self.processes, "cluster": self.cluster, "title": title}
-        cached(search, arguments, self.searches, depends=digest_of(*SEARCHED) if arguments else "", done=done, **where)
+        self, search: Callable[..., Any], arguments: list[dict[str, Any]], title: str, depends: str,
+        done: Callable[[int, Any], None] | None = None,
+    ) -> list[Any]:  # fmt: skip
+        """Return the results of `search` for each of `arguments`; for `depends` and `done` see `cached`."""
+        jobs = self.jobs or (self.out / "searches" if self.out else Path("runs/tune"))
+        return cached(search, arguments, jobs, depends=depends, title=title, processes=self.processes,
+                      cluster=self.cluster, done=done)  # fmt: skip
 
 
 def tune(options: Tune) -> list[Path]:
@@ -144,7 +141,7 @@ def tune(options: Tune) -> list[Path]:
             found |= {f"{weight:g}": result | {"parameters": dict(numbers)} | made}
             tuned.write_tuned(name, found, setup, options.folder(setup))
 
-    options.search_all(tune_one, arguments, "tuning", write)
+    options.search_all(tune_one, arguments, "tuning", digest_of(*SEARCHED), write)
     return [options.folder(setup) / f"{name}.json" for name, setup in setups.items()]
 
 
@@ -266,7 +263,7 @@ def search_bounds(
         missing += [(setup, weight) for weight in sorted(weights)]
     budget = {"scenarios": scenarios, "generations": generations}
     arguments = [{"environment": setup.environment, "time_weight": weight, **budget} for setup, weight in missing]
-    options.search_all(search_bound, arguments, "bound", write)
+    options.search_all(search_bound, arguments, "bound", digest_of(*SEARCHED), write)
     return [tuned.bound_path(setup, options.folder(setup)) for setup in setups]
 
 

@@ -13,7 +13,6 @@ import numpy as np
 
 from agents.baselines import RULES
 from agents.evaluate.play import controller_of, scenario_batch_of
-from agents.jobs import cached
 from agents.setups.evaluation import changes
 from agents.tune import BOUND_RTOL, Tune, tune_beyond, tune_one
 from experiments.lab import charts
@@ -89,9 +88,7 @@ class Search:
 
     def _each(self, function: Any, arguments: Iterable[JSON]) -> list[list[Attempt]]:
         digest = digest_of("impact_gym", "agents", "experiments.limits", "experiments.report.limits")
-        where = self.tuning
-        return cached(function, [{**each, **self.where} for each in arguments], where.searches, depends=digest,
-                      title="limits", processes=where.processes, cluster=where.cluster)  # fmt: skip
+        return self.tuning.search_all(function, [{**each, **self.where} for each in arguments], "limits", digest)
 
     def write(self, folder: Path) -> Path:
         """Write `folder`/limits.json, and limits.svg, a chart of all attempts; return the path of limits.json.

@@ -159,7 +159,12 @@ def of_setup(
         note += f"; the policy is trained for time weights of {low:g} to {high:g}, and plays here at {needed:.3g}"
     seeds = _seeds(policies, chosen, evaluation, time_weight, needed)
     of_setup = seeds, chosen, rivals, scenarios, note, evaluation, bound, setup.title, setup.own, limited or {}
-    return Comparison(setup.name, environment, *of_setup)
+    comparison = Comparison(setup.name, environment, *of_setup)
+    if limited and (unknown := limited["attempts"].keys() - comparison.labels.keys()):
+        raise ValueError(
+            f"limited is of another set-up than {setup.cli_name}, which has no controller {min(unknown)!r}"
+        )
+    return comparison
 
 
 def _seeds(

@@ -23,6 +23,7 @@ from experiments.lab.statistics import CONFIDENCE, Estimate
 from impact_gym.parameters import SI, Options
 from impact_gym.render import palette
 from impact_gym.support.files import parsed
+from impact_gym.support.validation import choice, number
 
 LIMITED = {  # by option: the limited result, its unit, its words
     "max_velocity": ("object_velocity", "m/s", "V_p"),
@@ -70,10 +71,21 @@ def quantile(values: ArrayLike, missed: ArrayLike, share: float) -> Estimate:
 
 def read_limited(path: Path) -> dict[str, Any]:
     """Return the content of a file `limits.json`, see `experiments.limits`; ValueError: it is another file."""
-    content = parsed(path, "limits.json of impact-gym controller", json.loads)
-    if not isinstance(content, dict) or set(content) != KEYS:
-        raise ValueError(f"{path} must be a limits.json of impact-gym controller, with {sorted(KEYS)}")
-    return content
+
+    def checked(text: str) -> dict[str, Any]:
+        content: dict[str, Any] = json.loads(text)
+        if set(content) != KEYS:
+            raise ValueError(f"it must have {sorted(KEYS)}")
+        if not Limits(**content["limits"]).given:
+            raise ValueError("limits must have a limit")
+        number("time_weight", content["time_weight"], "m/s per s", above=0.0)
+        choice("controller", content["controller"], list(content["attempts"]))
+        for time, value, _ in chain.from_iterable(content["attempts"].values()):
+            number("attempts", time, "s", at_least=0.0)
+            number("attempts", value, "SI", at_least=0.0)
+        return content
+
+    return parsed(path, "limits.json of impact-gym controller", checked)
 
 
 def times(limited: Mapping[str, Any]) -> dict[str, float]:

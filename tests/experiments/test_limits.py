@@ -19,7 +19,7 @@ from experiments import controller, limits
 from experiments.lab.statistics import Estimate
 from experiments.limits import Attempt, Search
 from experiments.report import choice
-from experiments.report.comparisons import PAPER
+from experiments.report.comparisons import PAPER, of_setup
 from experiments.report.limits import Limits, front, quantile, read_limited
 from experiments.studies import own_arms
 from impact_gym.task import Task
@@ -59,7 +59,7 @@ def search_of(monkeypatch, *answers, **given):
     profile = replace(comparison.baselines[1], controller={"tuned": {"rule": "BlindProfile", "parameters": []}})
     whole = replace(comparison, scenarios={"set": "test", "count": 9}, baselines=(comparison.baselines[0], profile))
     for module, name, value in (
-        (limits, "cached", lambda *_, **__: next(answers)), (limits, "comparisons_of", lambda _: [whole]),
+        (tune, "cached", lambda *_, **__: next(answers)), (limits, "comparisons_of", lambda _: [whole]),
         (limits, "tune_beyond", lambda *_: None), (tune.Tune, "baselines", lambda _: {"profile": None}),
         (tune.Tune, "search", lambda *_: {}),
     ):  # fmt: skip
@@ -131,9 +131,22 @@ def test_page_recommends_by_the_limit_and_shows_it_as_a_line():
 
 
 def test_limits_of_another_file_are_refused(tmp_path):
-    for content in ("[]", '{"limits": {}}', "nonsense"):
-        (tmp_path / "limits.json").write_text(content)
-        refused(lambda: read_limited(tmp_path / "limits.json"), "limits.json")
+    good = {"limits": {"max_velocity": 0.3, "share": 0.9}, "controller": "blind-profile", "time_weight": 1.0,
+            "attempts": {"blind-profile": [[0.3, 0.2, True]]}}  # fmt: skip
+    changes = [
+        {"controller": "odie"}, {"controller": 3}, {"limits": {}}, {"limits": {"most": 1.0}}, {"time_weight": -1},
+        {"attempts": {"blind-profile": [[0.3, "fast", True]]}}, {"attempts": [1]}, {"more": 1},
+    ]  # fmt: skip
+    path = tmp_path / "limits.json"
+    for content in ([], "nonsense", *(good | change for change in changes)):
+        path.write_text(json.dumps(content))
+        refused(lambda: read_limited(path), "limits.json", "cannot be read as limits.json of impact-gym controller")
+    path.write_text(json.dumps(good))
+    limited = read_limited(path)
+    assert of_setup(load_setup("linear-blind"), {"set": "test", "count": 2}, limited=limited).limited == good
+    limited["attempts"]["garfield"] = []
+    refused(lambda: of_setup(load_setup("linear-blind"), {"set": "test", "count": 2}, limited=limited),
+            "limited is of another set-up than linear-blind", "'garfield'")  # fmt: skip
 
 
 def test_quantiles_of_the_recommended_count_misses_as_above():

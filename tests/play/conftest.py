@@ -1,4 +1,5 @@
 import pytest
+from faked_page import Faked
 from play_client import Simulated
 
 
@@ -7,3 +8,11 @@ def world(tmp_path):
     made = Simulated(tmp_path)
     yield made
     made.session.close()
+
+
+@pytest.fixture
+def faked(browser, world):
+    made = Faked(browser, world, has_touch=True)
+    yield made
+    made.page.context.close()
+    assert made.problems == []
