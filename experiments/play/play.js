@@ -194,7 +194,7 @@ const HEARD = {
     tabulate();
     film("");
     page.player = true;
-    write("state", "hold \u2192, or drag the stick");
+    write("state", matchMedia("(max-width: 44rem), (hover: none)").matches ? "drag the stick" : "hold \u2192, or drag the stick");
     ready();
   },
   taken: () => page.socket.close(4000, "another tab took the stick"),

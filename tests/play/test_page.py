@@ -13,9 +13,14 @@ from experiments.play import attempts
 from experiments.play.attempts import BUSY
 
 
-def test_page_says_whether_it_is_connected(faked):
+@pytest.mark.parametrize(("width", "hint"), [(1280, "hold \u2192, or drag the stick"), (390, "drag the stick")])
+def test_page_says_whether_it_is_connected(browser, world, width, hint):
+    """A phone has no keys."""
+    faked = Faked(browser, world, width=width)
     assert faked.before == ["connecting\u2026"] * 2
-    assert (faked.text("#state"), faked.text("#go").split()[0]) == ("hold \u2192, or drag the stick", "Begin")
+    assert (faked.text("#state"), faked.text("#go").split()[0]) == (hint, "Begin")
+    faked.page.context.close()
+    assert faked.problems == []
 
 
 def test_keys_move_the_stick_and_let_it_go(faked):
