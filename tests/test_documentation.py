@@ -119,6 +119,7 @@ def test_page_names_files_that_exist_and_no_commit(page):
 
 
 def test_notebook_prints_the_outputs_that_it_contains(capsys):
+    pytest.importorskip("pygame")
     pytest.importorskip("matplotlib").use("Agg")
     namespace = {}
     for cell in json.loads((EXAMPLES / "first_steps.ipynb").read_text())["cells"]:
