@@ -19,13 +19,11 @@ def documented(kind: Kind) -> Kind:
     set_up: dict[tuple[str, ...], list[str]] = {}  # names of the numbers with the same unit and range
     for row in SET_UP:
         set_up.setdefault((unit_of(row), *map("{:g}".format, row.scale[:2])), []).append(f"`{row.id}`")
+    drawn = [(*scale, ", ".join(names)) for scale, names in set_up.items()]
     tables: dict[str, Rows] = {
         "OBSERVATION_TABLE": observation_table(),
         "SCENARIO_TABLE": [("Scenario field", "Default range", "Distribution", "Unit"), *scenario],
-        "SET_UP_TABLE": [
-            ("Unit", "Observed from", "to", "Numbers of the set-up"),
-            *((*scale, ", ".join(names)) for scale, names in set_up.items()),
-        ],
+        "SET_UP_TABLE": [("Unit", "Observed from", "to", "Numbers of the set-up"), *drawn],
         "ARGUMENT_TABLE": argument_table(),
     }
     for place, rows in tables.items():
