@@ -22,7 +22,6 @@ import gymnasium as gym
 import matplotlib as mpl
 import numpy as np
 import polars as pl
-from gymnasium.spaces import Box
 from latex2mathml.converter import convert
 from matplotlib.figure import Figure
 
@@ -115,13 +114,12 @@ def environment() -> str:
 
 
 def ids() -> str:
-    """Return the table of the ids of environments."""
-    rows = []
+    """Return the list of the ids of environments."""
+    lines = []
     for name, arguments in IDS.items():
-        space: Any = gym.make(name).observation_space
-        given = ", ".join(f"`{key}={value!r}`" for key, value in arguments.items()) or "defaults"
-        rows.append([f"`{name}`", given, str(space.shape[0]) if isinstance(space, Box) else ""])
-    return table("Id|Arguments|Numbers observed", rows)
+        given = ", ".join(f"`{key}={value!r}`" for key, value in arguments.items()) or "the defaults below"
+        lines.append(f"- `{name}`, {gym.make(name).observation_space.shape[0]} numbers observed: {given}")
+    return "\n".join(lines)
 
 
 def laws() -> str:
