@@ -18,7 +18,7 @@ def documented(kind: Kind) -> Kind:
     ]
     set_up: dict[str, list[str]] = {}  # names of the numbers with the same range and unit
     for row in SET_UP:
-        scale = "{:g} to {:g} {}".format(*row.scale[:2], unit_of(row)).replace(" -", "")
+        scale = f"{row.scale.low:g} to {row.scale.high:g} {unit_of(row)}".replace(" -", "")
         set_up.setdefault(scale, []).append(f"`{row.id}`")
     parts = {
         "OBSERVATION_TABLE": table(observation_table()),
