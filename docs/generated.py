@@ -3,8 +3,9 @@
 `python docs/generated.py` writes the pictures in docs/pictures. In each page, it replaces the text between
 `<!-- generated: NAME -->` and `<!-- end -->` by the return value of TEXTS[NAME], or by the content of the file NAME;
 `<!-- results: NAME -->` is followed by the table of docs/results/NAME.csv without its empty rows, of which
-`<!-- results: NAME | COLUMN | COLUMN -->` shows only some columns, and `<!-- cell: NAME | ROW | COLUMN -->` by a number
-of this table, without its interval (with `<!-- interval: ... -->`, the interval as well).
+`<!-- results: NAME | COLUMN | COLUMN -->` shows only some columns, with `=TEXT` in place of a first column only rows
+whose name has this text, and `<!-- cell: NAME | ROW | COLUMN -->` by a number of this table, without its interval (with
+`<!-- interval: ... -->`, the interval as well).
 MkDocs calls `on_page_content` and `on_post_build`.
 """
 
@@ -67,8 +68,11 @@ def listing(name: str) -> str:
 def shown(name: str, columns: str) -> str:
     """Return the table of docs/results/NAME.csv, with these columns beside its first, and the command that made it."""
     about, found = results.read(name)
-    places = [0, *map(found.head.index, columns.split(" | ")[1:] or found.head[1:])]
-    head, *rows = [[row[place] for place in places] for row in (found.head, *found.rows) if any(row[1:])]
+    given = columns.split(" | ")[1:]
+    wanted = given.pop(0)[1:] if given and given[0].startswith("=") else ""
+    places = [0, *map(found.head.index, given or found.head[1:])]
+    head = [found.head[place] for place in places]
+    rows = [[row[place] for place in places] for row in found.rows if wanted in row[0] and any(row[1:])]
     command = about["command"] if len(about["command"]) < 80 else "make results"
     return f"{table('|'.join(head), rows)}\n\n(`{command}`, {about['date']})"
 
