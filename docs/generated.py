@@ -2,8 +2,9 @@
 
 `python docs/generated.py` writes the pictures in docs/pictures. In each page, it replaces the text between
 `<!-- generated: NAME -->` and `<!-- end -->` by the return value of TEXTS[NAME], or by the content of the file NAME;
-`<!-- results: NAME -->` is followed by the table of docs/results/NAME.csv, and `<!-- cell: NAME | ROW | COLUMN -->` by
-a number of this table, without its interval (with `<!-- interval: ... -->`, the interval as well).
+`<!-- results: NAME -->` is followed by the table of docs/results/NAME.csv without its empty rows, of which
+`<!-- results: NAME | COLUMN | COLUMN -->` shows only some columns, and `<!-- cell: NAME | ROW | COLUMN -->` by a number
+of this table, without its interval (with `<!-- interval: ... -->`, the interval as well).
 MkDocs calls `on_page_content` and `on_post_build`.
 """
 
@@ -15,6 +16,7 @@ import re
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import gymnasium as gym
@@ -27,6 +29,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 import impact_gym as ig
+from agents import check
 from agents.baselines import PaperTrapezoid
 from agents.setups import load_setup, shipped
 from experiments.lab import results
@@ -35,7 +38,7 @@ from impact_gym.envs.single import ImpactApproachEnv
 from impact_gym.physics.dissipation import PUBLISHED, effective_restitution
 
 DOCS = Path(__file__).parent
-REGION = re.compile(r"(<!-- (generated|results): (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
+REGION = re.compile(r"(<!-- (generated|results): (\S+)(| \| [^\n]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 NUMBER = re.compile(r"(<!-- (cell|interval): ([^|]+?) \\?\| ([^|]+?) \\?\| (.+?) -->).*?(<!-- end -->)")
 GREY, BLUE, ORANGE, GREEN = "#808080", "#0072B2", "#D55E00", "#009E73"  # legible on a light and on a dark page
 STYLE = {
@@ -49,8 +52,8 @@ def filled(markdown: str) -> str:
     """Return a page with its generated parts up to date."""
 
     def region(found: re.Match[str]) -> str:
-        opening, kind, name, end = found.groups()
-        text = shown(name) if kind == "results" else TEXTS[name]() if name in TEXTS else listing(name)
+        opening, kind, name, columns, end = found.groups()
+        text = shown(name, columns) if kind == "results" else TEXTS[name]() if name in TEXTS else listing(name)
         return f"{opening}\n{text}\n\n{end}"
 
     def number(found: re.Match[str]) -> str:
@@ -66,10 +69,12 @@ def listing(name: str) -> str:
     return f"```python\n{(DOCS.parent / name).read_text()}```"
 
 
-def shown(name: str) -> str:
-    """Return the table of docs/results/NAME.csv, and the command that made it."""
+def shown(name: str, columns: str) -> str:
+    """Return the table of docs/results/NAME.csv, with these columns beside its first, and the command that made it."""
     about, found = results.read(name)
-    return f"{table('|'.join(found.head), found.rows)}\n\n(`{about['command']}`, {about['date']})"
+    places = [0, *map(found.head.index, columns.split(" | ")[1:] or found.head[1:])]
+    head, *rows = [[row[place] for place in places] for row in (found.head, *found.rows) if any(row[1:])]
+    return f"{table('|'.join(head), rows)}\n\n(`{about['command']}`, {about['date']})"
 
 
 def write() -> None:
@@ -131,9 +136,8 @@ def laws() -> str:
 
 
 def setups() -> str:
-    """Return the table of the shipped set-ups."""
-    about = {name: html.escape(load_setup(name).about, quote=False).replace("|", "&#124;") for name in shipped()}
-    return table("Set-up|What it is", [[f"`{name}`", text] for name, text in about.items()])
+    """Return the list of the shipped set-ups."""
+    return "\n".join(f"- `{name}`: {html.escape(load_setup(name).about, quote=False)}" for name in shipped())
 
 
 def materials() -> str:
@@ -251,6 +255,33 @@ def engines(axes: Any, over_time: bool) -> None:
     axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 
+def stock(axes: Any) -> None:
+    """Draw the median cost of each algorithm over the processor time of its training."""
+    (_, costs), (_, others) = map(results.read, ("stock-costs", "stock-others"))
+    for name, *marks, end, seconds, _ in costs.rows:
+        times = [float(head.partition(" ")[0]) for head in costs.head[1:-3]] + [float(seconds)]
+        known = [(time, float(cost.partition(" ")[0])) for time, cost in zip(times, [*marks, end], strict=True)
+                 if cost != "-"]  # fmt: skip
+        axes.plot(*zip(*known, strict=True), "o-", lw=1.2, ms=4, label=name)
+    for name, style in (("paper's rule", "--"), ("tuned profile", ":")):
+        level = float(others.rows[0][others.head.index(f"{name} (m/s)")])
+        axes.axhline(level, color=GREY, ls=style, label=name)
+    axes.set(xlabel="processor time of the training, s", ylabel="median cost, m/s", xscale="log", ylim=(0.8, 1.3))
+    axes.set_xticks(ticks := [10, 30, 60, 120, 240], map(str, ticks))
+    axes.minorticks_off()
+    axes.legend(fontsize=9, ncols=2)
+
+
+def arm() -> bytes:
+    """Return the picture (PNG) that `impact-gym check` draws of the arm in first-hour.md."""
+    setup = (DOCS / "first-hour.md").read_text().split('title="my.toml"\n')[1].split("```")[0]
+    with TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
+        file, picture = Path(folder, "my.toml"), Path(folder, "my.png")
+        file.write_text(setup)
+        check.run(check.Check(str(file), picture))
+        return picture.read_bytes()
+
+
 def contact() -> bytes:
     """Return a picture (PNG) of the first contact in an episode with the paper's rule."""
     env = gym.make("ImpactApproach-v0", render_mode="rgb_array")
@@ -282,10 +313,10 @@ def identified() -> bytes:
 
 PICTURES: dict[str, Callable[[], bytes]] = {
     **{f"{draw.__name__}.svg": partial(drawn, draw, height)
-       for draw, height in ((contact_force, 3.6), (convergence, 3.6), (restitution, 4.2), (mechanism, 3.4))},
+       for draw, height in ((contact_force, 3.6), (convergence, 3.6), (restitution, 4.2), (mechanism, 3.4), (stock, 3.4))},
     "engines_restitution.svg": partial(drawn, partial(engines, over_time=False), 3.6),
     "engines_error.svg": partial(drawn, partial(engines, over_time=True), 3.6),
-    "identified.svg": identified, "contact.png": contact,
+    "identified.svg": identified, "contact.png": contact, "arm.png": arm,
 }  # fmt: skip
 
 if __name__ == "__main__":

@@ -45,9 +45,8 @@ class ControllerOptions(Limits):
     processes: int = 2
     """Number of tunings or trainings at the same time on this machine, each on one core."""
     time_weight: float | None = None
-    """Cost of a second until the touch, in m/s of the object's final velocity. The command exports the simplest
-    controller whose mean cost at this weight is not significantly above the lowest. Without this option, the value
-    is `evaluation.typical` of the set-up (2 by default)."""
+    """Time weight: cost of a second until the touch, m/s per s. The command exports the simplest controller whose mean
+    cost at this weight is not significantly above the lowest. Default: `evaluation.typical` of the set-up (2)."""
     all: bool = False
     """Export all controllers, not only the best one."""
     cluster: str | None = None

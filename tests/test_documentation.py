@@ -34,7 +34,7 @@ SLOW = {*MODULES.values(), "experiments.loop"} - {MODULES["check"], MODULES["pol
 ELSEWHERE = {"git", "source", "tensorboard", "cleanrl/ppo_continuous_action.py", "rl_zoo3.train"}
 """Programs of others; tests/envs/test_front_ends.py runs rl_zoo3."""
 NEEDS = {"deploy-c.md": "onnxruntime"}
-NEEDS |= dict.fromkeys(("README.md", "libraries.md"), "stable_baselines3")
+NEEDS |= dict.fromkeys(("README.md", "gymnasium.md"), "stable_baselines3")
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONWARNINGS": "error"}
 ALIKE = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 

@@ -16,7 +16,7 @@ import impact_gym
 ROOT, PACKAGE = Path(__file__).parents[1], Path(impact_gym.__file__).parent
 PACKAGES = ("impact_gym", "agents", "experiments")
 NOT_SHIPPED = {".pyx", ".pxi", ".h", ".c", ".so"}
-TEN_LINES = re.search(r"```python\n(import gymnasium.*?)```", (ROOT / "docs/index.md").read_text(), re.DOTALL)[1]
+TEN_LINES = re.search(r"```python\n(import gymnasium.*?)```", (ROOT / "docs/gymnasium.md").read_text(), re.DOTALL)[1]
 HEAVY = {"torch", "stable_baselines3", "matplotlib", "tensorboard", "pygame", "pandas", "polars", "tyro", "mujoco"}
 CORE_ALONE = f"import sys; sys.modules.update(dict.fromkeys({HEAVY!r}))\n"  # importing one of these then fails
 FOUND = f"""

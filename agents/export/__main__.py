@@ -33,7 +33,7 @@ class Export(Options):
     controller: tyro.conf.Positional[str]
     """Name of a shipped policy or baseline, file of a policy or baseline, or folder of a training. With --all: name or
     file of a set-up. The header of a tuned baseline contains the parameters for all tuned time weights. In your C
-    code, pass the time weight (cost of a second until the touch, m/s) to the header's function NAME_reset."""
+    code, pass the time weight (cost of a second until the touch, m/s per s) to the header's function NAME_reset."""
     out: Path
     """Folder for the C header and the ONNX file."""
     setup: str | None = None

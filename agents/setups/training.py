@@ -22,9 +22,8 @@ class Training(Options):
     steps: Count = 12_000_000
     """Total number of environment steps. The training rounds this number up to whole rollouts."""
     time_weight: Range = (0.3, 8.0)
-    """Smallest and largest time weight (cost of a second until the touch, in m/s of the object's final velocity). Each
-    episode draws a time weight log-uniformly from this range. The policy observes this time weight, and can be used
-    with every time weight in the range."""
+    """Smallest and largest time weight (cost of a second until the touch, m/s per s). Each episode draws a time weight
+    log-uniformly from this range. The policy observes this time weight, and works at each time weight in the range."""
     weight_power: Share = 0.5
     """The training divides rewards by (1 + time_weight) ** weight_power. With weight_power 0, episodes with a large
     time weight influence the policy most, because their costs are larger."""

@@ -233,7 +233,8 @@ def _learn(folder: Path, run: Run, record: dict[str, Any]) -> None:
     }
     write_file(folder / "metrics.json", json.dumps(metrics, indent=2) + "\n")
     saved.unlink(missing_ok=True)
-    for name, means in metrics["validation"].items():
-        points = zip(means["time_weight"], means["object_velocity"], means["approach_time"], strict=True)
-        listed = "; ".join(f"at {w:g}: {v:.3f} m/s, {t:.3f} s" for w, v, t in points)
-        print(f"{name}: score {means['score']:.4f} m/s; V_p and approach time {listed}")
+    best, last = scores.values()
+    for weight, *point in zip(*(best[key] for key in ("time_weight", "object_velocity", "approach_time")), strict=True):
+        print("w = {:g} m/s per s: V_p {:.3f} m/s, touch after {:.3f} s".format(weight, *point))
+    print(f"cost {best['score']:.3f} m/s (best.npz, mean over these w), lower is better; "
+          f"paper's rule {rule['score']:.3f} m/s, last policy {last['score']:.3f} m/s")  # fmt: skip

@@ -57,9 +57,8 @@ class ReportOptions(RunOptions):
     """Number of scenarios. Without this option, the number comes from the JSON file (1000 if "count" is missing), the
     fixed set, or the set-up."""
     time_weight: Annotated[float | None, SI("m/s per s", above=0)] = None
-    """Cost of a second until the touch, in m/s of the object's final velocity. The page recommends the simplest
-    controller whose mean cost is not significantly above the lowest. Without this option, the value is
-    `evaluation.typical` of the set-up (2 by default)."""
+    """Time weight: cost of a second until the touch, m/s per s. The page recommends the simplest controller whose mean
+    cost is not significantly above the lowest. Default: `evaluation.typical` of the set-up (2)."""
     limited: Path | None = None
     """With one set-up: file limits.json of `impact-gym controller`. The page then recommends by its limits, and shows
     what each controller reaches at the time weight of the recommended controller."""

@@ -11,7 +11,7 @@ QUESTIONS = {
     "stability": "Is the solver stable on random scenes?",
     "teleop": "Which assistance helps if the operator's commands arrive late?",
     "sensors": "What does a range sensor that is sold bring?",
-    "stock": "How good is a policy after 1, 3, 10 minutes of training with stable-baselines3?",
+    "stock": "How good is a policy after some minutes of training with stable-baselines3?",
     "engines": "Which blow do physics engines deliver if they are asked for a restitution?",
     "own-arms": "Does what impact-gym controller says hold for arms that nobody chose?",
 }

@@ -16,15 +16,16 @@ def documented(kind: Kind) -> Kind:
     scenario = [
         (f"`{row.id}`", f"{low:g} - {high:g}", distribution_in_words(row), row.unit) for row, (low, high) in pairs
     ]
-    ids = {row.id: row.id.replace("uplink", "downlink") for row in SET_UP if not row.id.startswith("downlink")}
-    set_up = [
-        (", ".join(f"`{name}`" for name in dict.fromkeys((row.id, ids[row.id])) if name in QUANTITIES),
-         unit_of(row), *map("{:g}".format, row.scale[:2])) for row in SET_UP if row.id in ids
-    ]  # fmt: skip
+    set_up: dict[tuple[str, ...], list[str]] = {}  # names of the numbers with the same unit and range
+    for row in SET_UP:
+        set_up.setdefault((unit_of(row), *map("{:g}".format, row.scale[:2])), []).append(f"`{row.id}`")
     tables: dict[str, Rows] = {
         "OBSERVATION_TABLE": observation_table(),
         "SCENARIO_TABLE": [("Scenario field", "Default range", "Distribution", "Unit"), *scenario],
-        "SET_UP_TABLE": [("Number of the set-up", "Unit", "Observed from", "to"), *set_up],
+        "SET_UP_TABLE": [
+            ("Unit", "Observed from", "to", "Numbers of the set-up"),
+            *((*scale, ", ".join(names)) for scale, names in set_up.items()),
+        ],
         "ARGUMENT_TABLE": argument_table(),
     }
     for place, rows in tables.items():
