@@ -50,11 +50,11 @@ def read_tuned(name: str | Path, folder: Path | None = None, setup: Setup | None
     name, folder = (path.stem, path.parent) if path.suffix == ".json" else (str(name), folder)
     setup = setup_tuning(name, setup)
     path = (folder or (setup.folder / "tuned" if setup else TUNED)) / f"{name}.json"
-    if setup is None and not path.is_file():
+    if setup is None and not os.path.lexists(path):
         raise ValueError(nearest("baseline", name, [*FIXED, *shipped_baselines()]))
     remedy = f"run impact-gym tune {setup.cli_name if setup else 'SETUP'} --out {path.parent}"
     if not path.is_file():
-        why = f"{path} is {NO_FILE}" if os.path.lexists(path) else f"there is no file {path}"
+        why = f"{path} must be a file, but it is {NO_FILE}" if os.path.lexists(path) else f"there is no file {path}"
         raise ValueError(f"baseline {name!r} was not tuned ({why}): {remedy}")
     try:
         content: dict[str, Any] = parsed(path, "JSON", json.loads)
