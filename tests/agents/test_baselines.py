@@ -234,6 +234,17 @@ def test_profile_over_biased_readings_does_not_stop_short(name, most):
         assert played.missed.mean() < 0.01
 
 
+def test_touch_that_is_not_felt_costs_little_nor_stops_short():
+    rule, costs = load_baseline("filtered-profile", 2.0), []
+    for noise, bias in ((0.0, 0.0), (0.5, 0.0), (0.5, -0.01)):
+        task = Task(range_sensor={"share": 0.1, "bias": bias}, force_noise=noise)
+        own = task.changed({"range_sensor": rule.task.arguments()["range_sensor"]})
+        played = ScenarioBatch(5_000_000, 300, task).play(rule.for_task(own))
+        costs.append(played.loss(2.0).mean())
+        assert played.missed.mean() < 0.01
+    assert costs[1] < 1.02 * costs[0]
+
+
 def test_filter_begins_anew_with_each_episode():
     task = Task(range_sensor={"noise": 0.01})
     batch, spec, rule = Batch(4, task), ObservationSpec(task), started(FilteredProfile, task)
