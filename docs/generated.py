@@ -16,21 +16,16 @@ import re
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import gymnasium as gym
 import matplotlib as mpl
 import numpy as np
 import polars as pl
-from gymnasium.spaces import Box
 from latex2mathml.converter import convert
 from matplotlib.figure import Figure
-from PIL import Image
 
 import impact_gym as ig
-from agents import check
-from agents.baselines import PaperTrapezoid
 from agents.setups import load_setup, shipped
 from experiments.lab import results
 from impact_gym.envs import IDS
@@ -74,7 +69,8 @@ def shown(name: str, columns: str) -> str:
     about, found = results.read(name)
     places = [0, *map(found.head.index, columns.split(" | ")[1:] or found.head[1:])]
     head, *rows = [[row[place] for place in places] for row in (found.head, *found.rows) if any(row[1:])]
-    return f"{table('|'.join(head), rows)}\n\n(`{about['command']}`, {about['date']})"
+    command = about["command"] if len(about["command"]) < 80 else "make results"
+    return f"{table('|'.join(head), rows)}\n\n(`{command}`, {about['date']})"
 
 
 def write() -> None:
@@ -118,13 +114,12 @@ def environment() -> str:
 
 
 def ids() -> str:
-    """Return the table of the ids of environments."""
-    rows = []
+    """Return the list of the ids of environments."""
+    lines = []
     for name, arguments in IDS.items():
-        space: Any = gym.make(name).observation_space
-        given = ", ".join(f"`{key}={value!r}`" for key, value in arguments.items()) or "defaults"
-        rows.append([f"`{name}`", given, str(space.shape[0]) if isinstance(space, Box) else ""])
-    return table("Id|Arguments|Numbers observed", rows)
+        given = ", ".join(f"`{key}={value!r}`" for key, value in arguments.items()) or "the defaults below"
+        lines.append(f"- `{name}`, {gym.make(name).observation_space.shape[0]} numbers observed: {given}")
+    return "\n".join(lines)
 
 
 def laws() -> str:
@@ -257,47 +252,20 @@ def engines(axes: Any, over_time: bool) -> None:
 
 def stock(axes: Any) -> None:
     """Draw the median cost of each algorithm over the processor time of its training."""
-    (_, costs), (_, others) = map(results.read, ("stock-costs", "stock-others"))
-    for name, *marks, end, seconds, _ in costs.rows:
-        times = [float(head.partition(" ")[0]) for head in costs.head[1:-3]] + [float(seconds)]
-        known = [(time, float(cost.partition(" ")[0])) for time, cost in zip(times, [*marks, end], strict=True)
-                 if cost != "-"]  # fmt: skip
-        axes.plot(*zip(*known, strict=True), "o-", lw=1.2, ms=4, label=name)
+    _, costs = results.read("stock-costs")
+    for name, *medians, seconds, _ in costs.rows:
+        times = [*(head.split()[0] for head in costs.head[1:-3]), seconds]
+        known = [each for each in zip(times, medians, strict=True) if each[1] != "-"]
+        points = [(float(time), float(median.split()[0])) for time, median in known]
+        axes.plot(*zip(*points, strict=True), "o-", lw=1.2, ms=4, label=name)
     for name, style in (("paper's rule", "--"), ("tuned profile", ":")):
-        level = float(others.rows[0][others.head.index(f"{name} (m/s)")])
+        level = float(results.cell("stock-others", "ImpactApproach-v0", f"{name} (m/s)"))
         axes.axhline(level, color=GREY, ls=style, label=name)
-    axes.set(xlabel="processor time of the training, s", ylabel="median cost, m/s", xscale="log", ylim=(0.8, 1.3))
-    axes.set_xticks(ticks := [10, 30, 60, 120, 240], map(str, ticks))
-    axes.minorticks_off()
+    axes.set(xlabel="processor time of the training, s", ylabel="median cost, m/s", xlim=(0, None), ylim=(0.8, 1.3))
     axes.legend(fontsize=9, ncols=2)
 
 
-def arm() -> bytes:
-    """Return the picture (PNG) that `impact-gym check` draws of the arm in first-hour.md."""
-    setup = (DOCS / "first-hour.md").read_text().split('title="my.toml"\n')[1].split("```")[0]
-    with TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
-        file, picture = Path(folder, "my.toml"), Path(folder, "my.png")
-        file.write_text(setup)
-        check.run(check.Check(str(file), picture))
-        return picture.read_bytes()
-
-
-def contact() -> bytes:
-    """Return a picture (PNG) of the first contact in an episode with the paper's rule."""
-    env = gym.make("ImpactApproach-v0", render_mode="rgb_array")
-    observation, _ = env.reset(seed=3)
-    rule, file = PaperTrapezoid(), io.BytesIO()
-    while env.unwrapped.episode_info()["peak_force"] == 0.0:  # type: ignore[attr-defined]
-        observation, *_ = env.step(rule.predict(observation)[0])
-    Image.fromarray(env.render()).save(file, "png", optimize=True)  # type: ignore[arg-type]
-    env.close()
-    return file.getvalue()
-
-
-TEXTS: dict[str, Callable[[], str]] = {
-    "environment": environment, "ids": ids, "setups": setups, "materials": materials,
-    "laws": laws,
-}  # fmt: skip
+TEXTS = {text.__name__: text for text in (environment, ids, setups, materials, laws)}
 
 
 def identified() -> bytes:
@@ -313,10 +281,11 @@ def identified() -> bytes:
 
 PICTURES: dict[str, Callable[[], bytes]] = {
     **{f"{draw.__name__}.svg": partial(drawn, draw, height)
-       for draw, height in ((contact_force, 3.6), (convergence, 3.6), (restitution, 4.2), (mechanism, 3.4), (stock, 3.4))},
+       for draw, height in (
+           (contact_force, 3.6), (convergence, 3.6), (restitution, 4.2), (mechanism, 3.4), (stock, 3.4))},
     "engines_restitution.svg": partial(drawn, partial(engines, over_time=False), 3.6),
     "engines_error.svg": partial(drawn, partial(engines, over_time=True), 3.6),
-    "identified.svg": identified, "contact.png": contact, "arm.png": arm,
+    "identified.svg": identified,
 }  # fmt: skip
 
 if __name__ == "__main__":

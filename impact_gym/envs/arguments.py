@@ -1,4 +1,4 @@
-"""Tables of the arguments, the observation and the drawn numbers, for docstrings of the environment classes."""
+"""Tables and lists of arguments, observations and drawn numbers, for docstrings of the environment classes."""
 
 from typing import TypeVar
 
@@ -11,30 +11,33 @@ Kind = TypeVar("Kind", bound=type)
 
 
 def documented(kind: Kind) -> Kind:
-    """Replace the placeholders in the docstring of a class, such as OBSERVATION_TABLE, by Markdown tables."""
+    """Replace the placeholders in the docstring of a class, such as OBSERVATION_TABLE, by Markdown tables and lists."""
     pairs = zip(SCENARIO, ScenarioRanges().by_id().values(), strict=True)
     scenario = [
         (f"`{row.id}`", f"{low:g} - {high:g}", distribution_in_words(row), row.unit) for row, (low, high) in pairs
     ]
-    set_up: dict[tuple[str, ...], list[str]] = {}  # names of the numbers with the same unit and range
+    set_up: dict[str, list[str]] = {}  # names of the numbers with the same range and unit
     for row in SET_UP:
-        set_up.setdefault((unit_of(row), *map("{:g}".format, row.scale[:2])), []).append(f"`{row.id}`")
-    tables: dict[str, Rows] = {
-        "OBSERVATION_TABLE": observation_table(),
-        "SCENARIO_TABLE": [("Scenario field", "Default range", "Distribution", "Unit"), *scenario],
-        "SET_UP_TABLE": [
-            ("Unit", "Observed from", "to", "Numbers of the set-up"),
-            *((*scale, ", ".join(names)) for scale, names in set_up.items()),
-        ],
-        "ARGUMENT_TABLE": argument_table(),
+        scale = "{:g} to {:g} {}".format(*row.scale[:2], unit_of(row)).replace(" -", "")
+        set_up.setdefault(scale, []).append(f"`{row.id}`")
+    parts = {
+        "OBSERVATION_TABLE": table(observation_table()),
+        "SCENARIO_TABLE": table([("Scenario field", "Default range", "Distribution", "Unit"), *scenario]),
+        "SET_UP_LIST": [f"- {', '.join(names)}: {scale}" for scale, names in set_up.items()],
+        "ARGUMENT_LIST": argument_list(),
     }
-    for place, rows in tables.items():
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        lines = ["    | " + " | ".join(map(str.ljust, row, widths)) + " |" for row in rows]
-        lines.insert(1, "    |" + "|".join("-" * (width + 2) for width in widths) + "|")
+    for place, lines in parts.items():
         if kind.__doc__:  # None under python -OO
-            kind.__doc__ = kind.__doc__.replace(f"    {place}", "\n".join(lines))
+            kind.__doc__ = kind.__doc__.replace(f"    {place}", "\n".join(f"    {line}" for line in lines))
     return kind
+
+
+def table(rows: Rows) -> list[str]:
+    """Return the lines of a Markdown table."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = ["| " + " | ".join(map(str.ljust, row, widths)) + " |" for row in rows]
+    lines.insert(1, "|" + "|".join("-" * (width + 2) for width in widths) + "|")
+    return lines
 
 
 def unit_of(row: Quantity) -> str:
@@ -64,12 +67,12 @@ def observation_table() -> Rows:
     return rows
 
 
-def argument_table() -> Rows:
-    """Return the rows of the argument table, one for each argument of `Task`."""
-    rows: Rows = [("Name", "Default", "Meaning")]
+def argument_list() -> list[str]:
+    """Return a line for each argument of `Task`."""
+    lines = []
     for name, item in ARGUMENTS.items():
         default = f'"{item.default}"' if isinstance(item.default, str) else f"{item.default}"
         quantity, words = QUANTITIES.get(name), item.metadata["words"]
-        unit = f"{quantity.unit}, " if quantity and quantity.unit != "-" else ""
-        rows.append((f"`{name}`", default, unit + (words or (quantity.words if quantity else ""))))
-    return rows
+        unit = f" ({quantity.unit})" if quantity and quantity.unit != "-" else ""
+        lines.append(f"- `{name}` = {default}{unit}: {words or (quantity.words if quantity else '')}")
+    return lines

@@ -63,7 +63,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     number in SI units. The slice `actor` selects the numbers for a controller, and the slice `critic` all numbers.
 
     `privileged=True` appends numbers for a critic: the object's true mass, contact stiffness, restitution and distance,
-    the reaction delay, and all numbers in the second table of Starting State that are drawn per episode. If `alarm` is
+    the reaction delay, and all numbers in the list of Starting State that are drawn per episode. If `alarm` is
     "reading", it also appends the time since a switch would have raised the alarm.
 
     OBSERVATION_TABLE
@@ -103,19 +103,20 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     (normal), and the error of all force readings (normal). Arguments fix these four by default. The last of the eleven
     numbers determines the seed of all other random numbers.
 
-    Each number in the next table may be a pair (low, high). Every episode then draws the number between low and high,
-    log-uniformly if it is observed as log and low is not 0, else uniformly:
+    Each number in the next list may be a pair (low, high). Every episode then draws the number between low and high,
+    log-uniformly if it is observed as log and low is not 0, else uniformly. The list says in which range a critic
+    observes it:
 
-    SET_UP_TABLE
+    SET_UP_LIST
 
-    With the same seed, a draw of a number in this table does not change the scenario or the table's other numbers.
+    With the same seed, a draw of a number in this list does not change the scenario or the list's other numbers.
 
     `reset(options=...)` applies to one episode:
 
     - `{"scenario": {...}}` fixes some or all of the scenario fields above.
     - `{"record": {...}}` fixes some or all of the drawn numbers. To repeat an episode, give its final `info["record"]`
       and the same actions. A reaction delay must not exceed the environment's largest reaction delay. Numbers of
-      the second table must lie in the environment's ranges. No number may be given twice.
+      the list must lie in the environment's ranges. No number may be given twice.
 
     ## Episode End
     An episode terminates 0.15 s (`after_alarm`) after the alarm. If the object was touched, the flange then brakes to
@@ -141,7 +142,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     To draw a number of a coupling or robot from a range, give a dict:
     `coupling={"type": "SpringDamper", "stiffness": (40, 60)}`.
 
-    ARGUMENT_TABLE
+    ARGUMENT_LIST
 
     Two more arguments are `render_mode` (None, "human", "rgb_array" or "rgb_array_list") and
     `record_trace` (True: keep time histories, which `trace()` returns).
