@@ -243,7 +243,11 @@ def check(name: str) -> int:
                 raise ValueError(f"its {space} is not that of its environment")
     except UNREADABLE as problem:
         raise ValueError(f"{name} cannot be loaded ({reason(problem)}): {other}") from problem
-    abouts, episodes = iter(dataset.storage.get_episode_metadata(range(dataset.total_episodes))), iter(dataset)
+    steps, abouts, episodes = (
+        0,
+        iter(dataset.storage.get_episode_metadata(range(dataset.total_episodes))),
+        iter(dataset),
+    )
     with tqdm(total=dataset.total_episodes, desc=name, unit="episodes") as bar:
         for number in range(dataset.total_episodes):
             try:
@@ -251,12 +255,15 @@ def check(name: str) -> int:
                 record = begun.get("options", {}).get("record", {})
                 done = recorded(env, begun["seed"], record, given(episode.actions, then_zeros=False))
             except (*UNREADABLE, StopIteration) as problem:
-                why = reason(problem) or "it has too few actions"
+                why = "it has too few actions" if isinstance(problem, StopIteration) else reason(problem)
                 raise ValueError(f"{name}: episode {number} cannot be replayed ({why}): {other}") from problem
             for what in ("actions", "observations", "rewards", "terminations", "truncations"):
                 if not np.array_equal(getattr(done, what), getattr(episode, what)):
                     raise ValueError(f"{name}: {what} of episode {number} differ when replayed: {other}")
+            steps += len(done.rewards)
             bar.update()
+    if steps != about.get("total_steps"):
+        raise ValueError(f"{name} has {steps} steps, but its metadata say {shown(about.get('total_steps'))}")
     return int(dataset.total_episodes)
 
 
