@@ -1,5 +1,6 @@
 """`impact-gym dataset`: record episodes of rules, policies or persons as Minari datasets; replay datasets."""
 
+import filecmp
 import json
 import os
 import tempfile
@@ -56,7 +57,7 @@ class DatasetOptions(Options):
 
     From a set-up, the command makes a dataset for each player (controller) in --who. From a folder of tries, which
     impact-gym play writes, the command makes one dataset. With --operator, it makes only a file for an operator. The id
-    of a dataset is impact/SETUP/PLAYER-vVERSION.
+    of a dataset is impact/SETUP/PLAYER-vVERSION. After an interruption, the same command keeps finished datasets.
     """
 
     source: Positional[str]
@@ -129,10 +130,8 @@ def recorded(env: gym.Env[Any, Any], seed: int, record: Mapping[str, float], pla
 def write(
     name: str, env: gym.Env[Any, Any], episodes: Iterator[EpisodeBuffer], options: DatasetOptions, who: str, about: str
 ) -> Any:
-    """Write a dataset atomically and return it; ValueError: the dataset exists, or `name` is invalid."""
+    """Write a dataset atomically and return it; ValueError: there is another of this name, or `name` is invalid."""
     final, (namespace, _, _) = get_dataset_path(name), parse_dataset_id(name)
-    if final.exists():
-        raise ValueError(f"there is a dataset {name} already, {final}: delete it, or use another --version")
     code = options.link or f"impact_gym {version('impact-gym')}, commit {revision()['commit'] or 'unknown'}"
     packages = [f"{package}=={version(package)}" for package in ("impact-gym", "gymnasium", "numpy")]
     remove_unfinished(get_dataset_path())  # of killed commands
@@ -143,9 +142,13 @@ def write(
                 author_email="none given", code_permalink=code, requirements=packages,
             )  # fmt: skip
             made.storage.update_metadata({"solver": compiled_from()})
-        if namespace not in list_local_namespaces():
-            create_namespace(namespace)
-        Path(hidden, name).rename(final)
+        fresh, files = Path(hidden, name), ("main_data.hdf5", "metadata.json")
+        if not final.exists():
+            if namespace not in list_local_namespaces():
+                create_namespace(namespace)
+            fresh.rename(final)
+        elif len(filecmp.cmpfiles(fresh / "data", final / "data", files, shallow=False)[0]) < len(files):
+            raise ValueError(f"there is another dataset {name} already, {final}: delete it, or use another --version")
     return minari.load_dataset(name)
 
 

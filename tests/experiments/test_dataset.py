@@ -1,6 +1,7 @@
 """Datasets of Minari: their contract, atomic writes, bit-exact replay; an operator made of attempts."""
 
 import json
+import os
 import runpy
 import sys
 import tomllib
@@ -84,7 +85,10 @@ def test_episodes_are_those_of_the_environment_in_order(capsys, monkeypatch):
 
 
 def test_failed_write_leaves_nothing_and_none_is_replaced(rule, root):
-    refused(lambda: make(who=("rule",)), f"there is a dataset {NAME} already", "another --version")
+    before = os.stat(rule).st_ino
+    make(who=("rule",))  # the same again, as after an interruption
+    refused(lambda: make(who=("rule",), seed=SEED + 1), f"there is another dataset {NAME} already", "another --version")
+    assert os.stat(rule).st_ino == before
     setup = load_setup("linear-blind")
 
     def stopped():
