@@ -93,7 +93,8 @@ BORDERS = {
         make(ID, tool_mass=(0.1, 0.2)), tree.get("seed"), tree.get("options")))
        for place, make in enumerate(MAKERS[:2])},
     **{f"{kind}'s name": ({kind: "test"}, ANY, lambda tree, load=load, kind=kind: load(tree.get(kind)))
-       for kind, load in {"set-up": load_setup, "policy": load_policy, "set": evaluation_sets.load}.items()},
+       for kind, load in {"set-up": load_setup, "policy": load_policy, "set": evaluation_sets.load,
+                           "baseline": load_baseline}.items()},
 }  # fmt: skip
 
 

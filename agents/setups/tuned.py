@@ -16,7 +16,7 @@ from agents.policies import Controller
 from agents.setups.setup import TUNED, Setup, setup_tuning, shipped_baselines
 from impact_gym.support.archive import archive_of, checksum, read_archive, refuse_altered
 from impact_gym.support.files import NO_FILE, parsed, reason, write_file
-from impact_gym.support.validation import nearest, number
+from impact_gym.support.validation import nearest, number, one_of
 from impact_gym.task import Task
 from impact_gym.teleop.channels import without_files
 
@@ -30,10 +30,11 @@ def load_baseline(name: str | Path, time_weight: float = 2.0, folder: Path | str
     """Return a baseline, by its name (in `folder`) or its file, for `time_weight` (m/s per s), see `Rule.at`.
 
     Raises:
-        ValueError: there is no such baseline; the time weight is not above 0; the file is missing or altered, or does
-            not fit this version.
+        TypeError, ValueError: there is no such baseline; the time weight is not above 0; the file is missing or
+            altered, or does not fit this version.
     """
     number("time_weight", time_weight, "m/s per s", above=0)
+    one_of("baseline", name, str, os.PathLike)
     if name in FIXED:
         return FIXED[name]()
     return tuned_rule(read_tuned(name, Path(folder) if folder else None)).at(time_weight)

@@ -76,7 +76,7 @@ def reason(error: Exception) -> str:
     """Return in one line why a file cannot be read."""
     if isinstance(error, (RecursionError, KeyError)):
         return f"it has no {shown(*error.args)}" if isinstance(error, KeyError) else "it is nested too deeply"
-    return " ".join(str(getattr(error, "strerror", None) or error).split())
+    return " ".join(str(getattr(error, "strerror", None) or error).split()) or type(error).__name__
 
 
 UNFINISHED = ".unfinished"
