@@ -1,5 +1,6 @@
 """`impact-gym dataset`: record episodes of rules, policies or persons as Minari datasets; replay datasets."""
 
+import filecmp
 import json
 import os
 import tempfile
@@ -56,7 +57,7 @@ class DatasetOptions(Options):
 
     From a set-up, the command makes a dataset for each player (controller) in --who. From a folder of tries, which
     impact-gym play writes, the command makes one dataset. With --operator, it makes only a file for an operator. The id
-    of a dataset is impact/SETUP/PLAYER-vVERSION.
+    of a dataset is impact/SETUP/PLAYER-vVERSION. After an interruption, the same command keeps finished datasets.
     """
 
     source: Positional[str]
@@ -129,10 +130,8 @@ def recorded(env: gym.Env[Any, Any], seed: int, record: Mapping[str, float], pla
 def write(
     name: str, env: gym.Env[Any, Any], episodes: Iterator[EpisodeBuffer], options: DatasetOptions, who: str, about: str
 ) -> Any:
-    """Write a dataset atomically and return it; ValueError: the dataset exists, or `name` is invalid."""
+    """Write a dataset atomically and return it; ValueError: there is another of this name, or `name` is invalid."""
     final, (namespace, _, _) = get_dataset_path(name), parse_dataset_id(name)
-    if final.exists():
-        raise ValueError(f"there is a dataset {name} already, {final}: delete it, or use another --version")
     code = options.link or f"impact_gym {version('impact-gym')}, commit {revision()['commit'] or 'unknown'}"
     packages = [f"{package}=={version(package)}" for package in ("impact-gym", "gymnasium", "numpy")]
     remove_unfinished(get_dataset_path())  # of killed commands
@@ -143,9 +142,13 @@ def write(
                 author_email="none given", code_permalink=code, requirements=packages,
             )  # fmt: skip
             made.storage.update_metadata({"solver": compiled_from()})
-        if namespace not in list_local_namespaces():
-            create_namespace(namespace)
-        Path(hidden, name).rename(final)
+        fresh, files = Path(hidden, name), ("main_data.hdf5", "metadata.json")
+        if not final.exists():
+            if namespace not in list_local_namespaces():
+                create_namespace(namespace)
+            fresh.rename(final)
+        elif len(filecmp.cmpfiles(fresh / "data", final / "data", files, shallow=False)[0]) < len(files):
+            raise ValueError(f"there is another dataset {name} already, {final}: delete it, or use another --version")
     return minari.load_dataset(name)
 
 
@@ -243,7 +246,11 @@ def check(name: str) -> int:
                 raise ValueError(f"its {space} is not that of its environment")
     except UNREADABLE as problem:
         raise ValueError(f"{name} cannot be loaded ({reason(problem)}): {other}") from problem
-    abouts, episodes = iter(dataset.storage.get_episode_metadata(range(dataset.total_episodes))), iter(dataset)
+    steps, abouts, episodes = (
+        0,
+        iter(dataset.storage.get_episode_metadata(range(dataset.total_episodes))),
+        iter(dataset),
+    )
     with tqdm(total=dataset.total_episodes, desc=name, unit="episodes") as bar:
         for number in range(dataset.total_episodes):
             try:
@@ -251,12 +258,15 @@ def check(name: str) -> int:
                 record = begun.get("options", {}).get("record", {})
                 done = recorded(env, begun["seed"], record, given(episode.actions, then_zeros=False))
             except (*UNREADABLE, StopIteration) as problem:
-                why = reason(problem) or "it has too few actions"
+                why = "it has too few actions" if isinstance(problem, StopIteration) else reason(problem)
                 raise ValueError(f"{name}: episode {number} cannot be replayed ({why}): {other}") from problem
             for what in ("actions", "observations", "rewards", "terminations", "truncations"):
                 if not np.array_equal(getattr(done, what), getattr(episode, what)):
                     raise ValueError(f"{name}: {what} of episode {number} differ when replayed: {other}")
+            steps += len(done.rewards)
             bar.update()
+    if steps != about.get("total_steps"):
+        raise ValueError(f"{name} has {steps} steps, but its metadata say {shown(about.get('total_steps'))}")
     return int(dataset.total_episodes)
 
 

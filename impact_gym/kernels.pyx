@@ -15,6 +15,8 @@ from libc.string cimport memcpy, memset
 
 import numpy as np
 
+from impact_gym.outcome import ContactRecord, Outcome
+
 cdef extern from "math.h" nogil:
     float exp2f(float x)
 
@@ -109,12 +111,33 @@ cdef void *memory_of(object array) except? NULL:
 
 
 cdef Recorder recorder_of(tuple arrays):
-    """Return a recorder that writes to `arrays`, see `approach_rows`."""
+    """Return a recorder that writes to `arrays`, see `approach_rows`; None: one that records nothing."""
+    if arrays is None:
+        return Recorder(NULL, NULL, NULL, 0, 0, 0, 1.0)
     contacts, trace, snaps, interval = arrays
     return Recorder(
         <ContactRow *> memory_of(contacts), <TraceRow *> memory_of(trace), <double *> memory_of(snaps),
         len(contacts), trace.shape[trace.ndim - 1], len(snaps), interval,
     )
+
+
+cdef void run_plans(
+    Run *run, const RunPlan *plans, Chain *chains, int64_t first, int64_t last, double tolerance, int64_t max_steps
+) noexcept nogil:
+    """Run the approaches `first` to `last` - 1 of `plans`, see `approach_rows`."""
+    cdef Work work
+    cdef ChainModel model
+    cdef const RunPlan *plan
+    cdef const Contact *given
+    cdef int64_t i
+    run.work, run.model, run.tell_touch, run.tolerance, run.max_steps = &work, &model, False, tolerance, max_steps
+    for i in range(first, last):
+        plan, given = &plans[i], &plans[i].contact
+        pack_model(&plan.mount, &model)
+        run.contact = contact_of(given.stiffness, given.nominal, given.m, given.n, given.reference)
+        run.object_mass, run.threshold, run.reaction = plan.object_mass, plan.threshold, plan.delay
+        run.ground = STANDARD_GRAVITY * plan.friction
+        run_approach(run, &chains[i], plan)
 
 
 def approach_rows(
@@ -127,26 +150,49 @@ def approach_rows(
         tolerance: allowed local error of a step, in natural units (see `contact.pxi`); relative for components above 1.
         max_steps: an approach that needs more integration steps ends with the status STEP_LIMIT.
         recorder: arrays of the last approach: contacts (CONTACT), trace points (TRACE), times (s) at which a slider
-            passes its alignment; and largest time (s) between trace points of a flight. Empty arrays record nothing.
+            passes its alignment; and largest time (s) between trace points of a flight. Empty arrays, and None for
+            all, record nothing.
     """
     cdef Run run
-    cdef Work work
-    cdef ChainModel model
     cdef const RunPlan *plan = <const RunPlan *> memory_of(plans)
-    cdef const Contact *given
     cdef Chain *chain = <Chain *> memory_of(chains)
-    cdef int64_t i
-    run.tables = <const double *> memory_of(tables)
-    run.tolerance, run.max_steps, run.work, run.tell_touch = tolerance, max_steps, &work, False
-    run.recorder = recorder_of(recorder)
+    run.tables, run.recorder = <const double *> memory_of(tables), recorder_of(recorder)
     with nogil:
-        for i in range(first, last):
-            pack_model(&plan[i].mount, &model)
-            run.model, given = &model, &plan[i].contact
-            run.contact = contact_of(given.stiffness, given.nominal, given.m, given.n, given.reference)
-            run.object_mass, run.threshold, run.reaction = plan[i].object_mass, plan[i].threshold, plan[i].delay
-            run.ground = STANDARD_GRAVITY * plan[i].friction
-            run_approach(&run, &chain[i], &plan[i])
+        run_plans(&run, plan, chain, first, last, tolerance, max_steps)
+
+
+def run_one(plan, tables, double tolerance, int64_t max_steps, tuple recorder):
+    """Run one approach; `plan` is a RUN_PLAN, see `approach_rows`. Without an array for them, up to 64 contacts are logged.
+
+    Returns:
+        Status; time (s) of the end; numbers of contacts, of trace points and of passages of the alignment, also of those
+        that did not fit into their arrays; and the `Outcome` of a run that succeeded, still without `trace` and
+        `snap_through`.
+    """
+    cdef Run run
+    cdef Chain chain
+    cdef ContactRow[64] rows
+    cdef ContactRow *row
+    cdef const RunPlan *given = <const RunPlan *> memory_of(plan)
+    run.tables, run.recorder = <const double *> memory_of(tables), recorder_of(recorder)
+    if run.recorder.contact_rows == 0:
+        run.recorder.contacts, run.recorder.contact_rows = rows, 64
+    with nogil:
+        run_plans(&run, given, &chain, 0, 1, tolerance, max_steps)
+    new, contacts = tuple.__new__, []  # as `_make` of a NamedTuple, without its cost
+    for i in range(min(chain.logged, run.recorder.contact_rows)):
+        row = &run.recorder.contacts[i]
+        contacts.append(new(ContactRecord, (
+            row.start, None if isnan(row.end) else row.end, row.approach_velocity, row.separation_velocity,
+            row.peak_force, row.impulse, row.object_velocity, row.coupling_impulse, row.momentum_error,
+        )))
+    outcome = new(Outcome, (
+        chain.final_object_velocity, chain.final_tool_velocity, chain.final_flange_velocity, chain.peak_force,
+        None if isinf(chain.detection) else chain.detection, tuple(contacts), chain.coupling_impulse,
+        chain.momentum_error, chain.steps, "ok", None, (), chain.peak_object_velocity,
+        None if run.ground == 0.0 else chain.slide, None if run.ground == 0.0 else chain.rest_time,
+    ))
+    return chain.status, chain.time, (chain.logged, chain.traced, chain.snaps), outcome
 
 
 def models_of(mounts):

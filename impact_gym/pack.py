@@ -2,7 +2,7 @@
 
 import math
 import struct
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
@@ -20,14 +20,6 @@ Numbers = NDArray[np.float64]
 NO_TABLE: Numbers = np.zeros(1)
 
 
-def _codes(record: np.dtype[Any]) -> str:
-    fields = [record[name] for name in record.names or ()]
-    return "".join(_codes(field) if field.names else "dq"[field.kind == "i"] for field in fields)
-
-
-_RUN_PLAN, _MOUNT = (struct.Struct(_codes(record)) for record in (kernels.RUN_PLAN, kernels.MOUNT))
-
-
 def indices(kind: np.dtype[Any], before: int = 0) -> dict[str, int]:
     """Return a dict from the dotted path of each number of a compiled record to the number's index."""
     by_name: dict[str, int] = {}
@@ -39,34 +31,31 @@ def indices(kind: np.dtype[Any], before: int = 0) -> dict[str, int]:
     return by_name
 
 
-MOUNT_NUMBERS, RUN_PLAN_NUMBERS = (  # 0.0 for a float, because `struct` packs it faster than 0
-    dict(zip((name.removeprefix("mount.") for name in indices(record)), code.unpack(bytes(code.size)), strict=True))
-    for record, code in ((kernels.MOUNT, _MOUNT), (kernels.RUN_PLAN, _RUN_PLAN))
-)
-"""Zeros for the numbers of a compiled record, by dotted path, in the order of the record."""
+def _codes(record: np.dtype[Any]) -> str:
+    fields = [record[name] for name in record.names or ()]
+    return "".join(_codes(field) if field.names else "dq"[field.kind == "i"] for field in fields)
 
 
-def filled(record: dict[str, float], given: dict[str, Any]) -> Iterable[Any]:
-    """Return the numbers of a compiled record in its order, 0 for those not given; ValueError: one is not in it."""
-    numbers: dict[str, Any] = record | given
-    if len(numbers) > len(record):
-        unknown = min(given.keys() - record.keys())
-        raise ValueError(
-            f"the compiled program has no number {unknown!r}: add a row with this id to impact_gym/quantities.py"
-        )
-    return numbers.values()
+def packer(record: np.dtype[Any], names: tuple[str, ...]) -> struct.Struct:
+    """Return a `Struct` that packs the numbers `names` (dotted paths in their order) of a record; others are 0."""
+    places = [indices(record)[name] for name in names]
+    assert places == sorted(places)
+    return struct.Struct("".join(code if at in places else "8x" for at, code in enumerate(_codes(record))))
 
 
-def reader(record: np.dtype[Any], names: tuple[str, ...]) -> struct.Struct:
-    """Return a `Struct` that unpacks only the numbers `names` of a compiled record, which has them in this order."""
-    fields: Any = record.fields
-    codes, at = "", 0
-    for name in names:
-        kind, offset = fields[name][:2]
-        codes += f"{offset - at}x{'dq'[kind.kind == 'i']}"
-        at = offset + kind.itemsize
-    return struct.Struct(f"{codes}{record.itemsize - at}x")
-
+_COUPLING = dict.fromkeys(indices(kernels.MOUNT["coupling"]), 0.0)
+_NO_ROBOT = 0.0, 0.0, 0.0
+_OF_MOUNT = (
+    "coupling_kind", "robot_kind", "tool_mass", *(f"coupling.{name}" for name in _COUPLING),
+    "robot.mass", "robot.stiffness", "robot.damping", "intervals", "stiffest",
+)  # fmt: skip
+OF_PLAN = (
+    *(f"mount.{name}" for name in _OF_MOUNT), "contact.stiffness", "contact.m", "contact.n", "contact.nominal",
+    "contact.reference", "object_mass", "distance", "friction", "speed", "acceleration", "threshold", "delay",
+    "deceleration", "motion", "points", "duration",
+)  # fmt: skip
+"""The numbers of a RUN_PLAN that are not always 0."""
+_MOUNT, _PLAN = packer(kernels.MOUNT, _OF_MOUNT), packer(kernels.RUN_PLAN, OF_PLAN)
 
 LOCAL_SHARE = 0.2
 """Ratio of the local error allowed in a step to the `rtol` of the run."""
@@ -81,8 +70,8 @@ STATUS_MESSAGES = {
 
 def pack_approach(scene: Scene, motion: Trapezoid | Motion, duration: float) -> tuple[bytes, Numbers]:
     """Return a RUN_PLAN as bytes, and the table (n,) of its robot and motion. `struct` is faster than NumPy here."""
-    given, table = _approach(scene, motion, duration, damping_factor)
-    return _RUN_PLAN.pack(*filled(RUN_PLAN_NUMBERS, given)), table
+    numbers, table = _approach(scene, motion, duration, damping_factor)
+    return _PLAN.pack(*numbers), table
 
 
 def pack_approaches(
@@ -92,11 +81,12 @@ def pack_approaches(
 
     Numbers of the scene and the motion, and `duration`, may be arrays that can be broadcast to `shape`.
     """
-    given, table = _approach(scene, motion, duration, _damping_factors)
-    approaches = np.empty((*shape, len(RUN_PLAN_NUMBERS)))
+    numbers, table = _approach(scene, motion, duration, _damping_factors)
+    codes, places = _codes(kernels.RUN_PLAN), indices(kernels.RUN_PLAN)
+    approaches = np.zeros((*shape, len(codes)))
     views = {"d": approaches, "q": approaches.view(np.int64)}
-    for index, (code, values) in enumerate(zip(_RUN_PLAN.format, filled(RUN_PLAN_NUMBERS, given), strict=True)):
-        views[code][..., index] = values
+    for name, values in zip(OF_PLAN, numbers, strict=True):
+        views[codes[places[name]]][..., places[name]] = values
     return approaches, table
 
 
@@ -104,8 +94,8 @@ def pack_mount(
     tool_mass: float, coupling: Coupling, robot: Robot | RobotTable | None = None
 ) -> tuple[NDArray[Any], Numbers]:
     """Return an array (1,) of MOUNT, and the robot's table (n,), to put first among all tables."""
-    given, table = _mount(tool_mass, coupling, robot)
-    return np.frombuffer(_MOUNT.pack(*filled(MOUNT_NUMBERS, given)), kernels.MOUNT), table
+    numbers, table = _mount(tool_mass, coupling, robot)
+    return np.frombuffer(_MOUNT.pack(*numbers), kernels.MOUNT), table
 
 
 _damping_factors = np.vectorize(damping_factor, otypes=[np.float64])
@@ -113,41 +103,39 @@ _damping_factors = np.vectorize(damping_factor, otypes=[np.float64])
 
 def _approach(
     scene: Scene, motion: Trapezoid | Motion, duration: Any, damping: Callable[..., Any]
-) -> tuple[dict[str, Any], Numbers]:
-    """Return the numbers of a RUN_PLAN, and its table; `damping` is `damping_factor` for numbers or for arrays."""
-    given, table = _mount(scene.tool.mass, scene.coupling, scene.robot)
+) -> tuple[tuple[Any, ...], Numbers]:
+    """Return the numbers OF_PLAN and the table of a RUN_PLAN; `damping` is `damping_factor` for numbers or arrays."""
+    mount, table = _mount(scene.tool.mass, scene.coupling, scene.robot)
     target, contact = scene.object, scene.contact
-    given |= {
-        "contact.stiffness": contact.stiffness, "contact.m": contact.stiffness_exponent,
-        "contact.n": contact.damping_exponent,
-        "contact.nominal": damping(
-            contact.dissipation, contact.restitution, contact.stiffness_exponent, contact.damping_exponent
-        ),
-        "contact.reference": 0.0 if contact.reference_velocity is None else contact.reference_velocity,
-        "object_mass": target.mass, "distance": target.distance, "duration": duration,
-        "friction": 0.0 if target.friction is None else target.friction, "threshold": math.inf, "delay": math.inf,
-    }  # fmt: skip
+    m, n = contact.stiffness_exponent, contact.damping_exponent
+    numbers = (
+        *mount, contact.stiffness, m, n, damping(contact.dissipation, contact.restitution, m, n),
+        0.0 if contact.reference_velocity is None else contact.reference_velocity,
+        target.mass, target.distance, 0.0 if target.friction is None else target.friction,
+    )  # fmt: skip
     if isinstance(motion, Motion):
-        given |= {"acceleration": 1.0, "deceleration": 1.0, "motion": len(table), "points": len(motion.times)}
-        return given, np.array([*table, *motion.times, *motion.velocities])
-    given |= {"speed": motion.speed, "acceleration": motion.acceleration, "deceleration": motion.deceleration}
-    if motion.brake:
-        given |= {"threshold": motion.brake.threshold, "delay": motion.brake.delay}
-    return given, table
+        run = 0.0, 1.0, math.inf, math.inf, 1.0, len(table), len(motion.times), duration
+        return numbers + run, np.array([*table, *motion.times, *motion.velocities])
+    threshold, delay = (motion.brake.threshold, motion.brake.delay) if motion.brake else (math.inf, math.inf)
+    return (*numbers, motion.speed, motion.acceleration, threshold, delay, motion.deceleration, 0, 0, duration), table
 
 
-def _mount(tool_mass: Any, coupling: Coupling, robot: Robot | RobotTable | None) -> tuple[dict[str, Any], Numbers]:
-    """Return the numbers of a MOUNT, and the robot's table (n,)."""
+def _mount(tool_mass: Any, coupling: Coupling, robot: Robot | RobotTable | None) -> tuple[tuple[Any, ...], Numbers]:
+    """Return the numbers _OF_MOUNT and the robot's table (n,) of a MOUNT."""
     kind, numbers = coupling.kernel()
-    given = {"coupling_kind": kind, "robot_kind": kernels.RIGID_ROBOT, "tool_mass": tool_mass}
-    given |= {f"coupling.{name}": value for name, value in numbers.items()}
+    of_coupling: dict[str, Any] = _COUPLING | numbers
+    if len(of_coupling) > len(_COUPLING):
+        unknown = f"coupling.{min(numbers.keys() - _COUPLING.keys())}"
+        raise ValueError(
+            f"the compiled program has no number {unknown!r}: add a row with this id to impact_gym/quantities.py"
+        )
     if robot is None:
-        return given, NO_TABLE
+        return (kind, kernels.RIGID_ROBOT, tool_mass, *of_coupling.values(), *_NO_ROBOT, 0, 0.0), NO_TABLE
     if isinstance(robot, Robot):
-        given |= {"robot_kind": kernels.ROBOT, "robot.mass": robot.mass, "robot.stiffness": robot.stiffness}
-        return given | {"robot.damping": robot.damping}, NO_TABLE
-    intervals, stiffest, table = _table(robot)
-    return given | {"robot_kind": kernels.ROBOT_TABLE, "intervals": intervals, "stiffest": stiffest}, table
+        of_robot = robot.mass, robot.stiffness, robot.damping
+        return (kind, kernels.ROBOT, tool_mass, *of_coupling.values(), *of_robot, 0, 0.0), NO_TABLE
+    *of_table, table = _table(robot)
+    return (kind, kernels.ROBOT_TABLE, tool_mass, *of_coupling.values(), *_NO_ROBOT, *of_table), table
 
 
 @lru_cache(maxsize=64)

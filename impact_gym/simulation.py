@@ -1,7 +1,5 @@
 """Approaches from rest: `simulate` runs one; `sweep` runs many on all cores."""
 
-import math
-from collections import namedtuple
 from collections.abc import Mapping
 from copy import deepcopy
 from functools import partial
@@ -11,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from impact_gym.couplings import Bistable, warn_of_stroke
-from impact_gym.kernels import CHAIN, CONTACT, TRACE, approach_rows
+from impact_gym.kernels import CHAIN, CONTACT, TRACE, approach_rows, run_one
 from impact_gym.motion import Motion, Trapezoid
-from impact_gym.outcome import Array, ContactRecord, Outcome, Outcomes, Trace
-from impact_gym.pack import LOCAL_SHARE, STATUS_MESSAGES, pack_approach, pack_approaches, reader
+from impact_gym.outcome import Array, Outcome, Outcomes, Trace
+from impact_gym.pack import LOCAL_SHARE, STATUS_MESSAGES, pack_approach, pack_approaches
 from impact_gym.quantities import BY_PATH, QUANTITIES
 from impact_gym.scene import Scene
 from impact_gym.support.dotted_paths import flatten, get, parts, replaced
@@ -25,18 +23,11 @@ MAX_STEPS = 1_000_000
 """Integration steps after which the solver gives up a run."""
 
 APPROACHES_PER_THREAD = 16  # least number of approaches per thread, if a sweep uses several threads
-_CONTACT_ROWS, _SNAP_ROWS, _TRACE_ROWS = 64, 64, 4096  # rows of the arrays in the first try of a run
-_NO_TRACE, _NO_SNAPS = np.empty(0, TRACE), np.empty(0)
-NOTHING_RECORDED = np.empty(0, CONTACT), _NO_TRACE, _NO_SNAPS, 1.0
-"""A recorder of the compiled program that stores nothing."""
+_SNAP_ROWS, _TRACE_ROWS = 64, 4096  # lengths of the arrays in the first try of a run
 
 _CHAIN_NAMES = {f"{body}_velocity": f"final_{body}_velocity" for body in ("object", "tool", "flange")}
 _CHAIN_NAMES |= {"contact_count": "contacts", "snap_count": "snaps", "detection_time": "detection"}
 _OUTCOMES = {field: _CHAIN_NAMES.get(field, field) for field in Outcomes.__dataclass_fields__}
-_READ = {*_OUTCOMES.values(), "time", "logged", "traced"}  # numbers of a CHAIN that `simulate` reads
-_namedtuple: Any = namedtuple  # Any: mypy wants the field names as literals
-_End = _namedtuple("_End", [name for name in CHAIN.names if name in _READ])
-_END = reader(CHAIN, _End._fields)
 
 
 def simulate(
@@ -62,40 +53,27 @@ def simulate(
     duration = QUANTITIES["duration"].check(duration)
     rtol = QUANTITIES["rtol"].check(rtol)
     warn_of_stroke(scene.coupling, scene.tool.mass, motion.acceleration)
-    approach, table = pack_approach(scene, motion, duration)
-    chain, contacts = bytearray(_END.size), np.empty((_CONTACT_ROWS, len(CONTACT)))
-    points = np.empty(_TRACE_ROWS, TRACE) if trace else _NO_TRACE
-    snaps = np.empty(_SNAP_ROWS) if isinstance(scene.coupling, Bistable) else _NO_SNAPS
+    plan, table = pack_approach(scene, motion, duration)
+    sizes = 0, _TRACE_ROWS if trace else 0, _SNAP_ROWS if isinstance(scene.coupling, Bistable) else 0
     while True:
-        recorder = contacts, points, snaps, max(1e-3, duration / 1e5)
-        approach_rows(approach, table, chain, 0, 1, LOCAL_SHARE * rtol, MAX_STEPS, recorder)
-        end = _End._make(_END.unpack(chain))
-        if end.logged <= len(contacts) and end.traced <= len(points) and end.snaps <= len(snaps):
-            break  # otherwise repeat the run with larger arrays; the run is deterministic
-        contacts, points, snaps = np.empty((end.logged, len(CONTACT))), np.empty(end.traced, TRACE), np.empty(end.snaps)
-    if end.status < 0:
-        raise RuntimeError(f"the run stopped at t = {end.time:.6g} s: {STATUS_MESSAGES[end.status]}")
-    rows = contacts[: end.logged].tolist()
-    if rows and math.isnan(rows[-1][1]):
-        rows[-1][1] = None  # an unfinished contact
-    slide, rest_time = (end.slide, end.rest_time) if scene.object.friction else (None, None)
-    return Outcome(
-        end.final_object_velocity,
-        end.final_tool_velocity,
-        end.final_flange_velocity,
-        end.peak_force,
-        end.detection if end.detection < math.inf else None,
-        tuple([ContactRecord._make(row) for row in rows]),
-        end.coupling_impulse,
-        end.momentum_error,
-        end.steps,
-        "ok",
-        Trace.of(points[: end.traced]) if trace else None,
-        tuple(snaps[: end.snaps].tolist()) if end.snaps else (),
-        end.peak_object_velocity,
-        slide,
-        rest_time,
-    )
+        recorder = _recorder(*sizes, duration) if any(sizes) else None
+        status, time, needed, outcome = run_one(plan, table, LOCAL_SHARE * rtol, MAX_STEPS, recorder)
+        contacts, points, snaps = needed
+        if len(outcome.contacts) == contacts and points <= sizes[1] and snaps <= sizes[2]:
+            break
+        sizes = needed  # repeat the run with larger arrays; the run is deterministic
+    if status < 0:
+        raise RuntimeError(f"the run stopped at t = {time:.6g} s: {STATUS_MESSAGES[status]}")
+    if recorder:
+        _, rows, times, _ = recorder
+        passages = tuple(times[:snaps].tolist())
+        outcome = outcome._replace(trace=Trace.of(rows[:points]) if trace else None, snap_through=passages)
+    return outcome
+
+
+def _recorder(contacts: int, points: int, snaps: int, duration: float) -> tuple[Any, ...]:
+    """Return a recorder, see `approach_rows`, of a run of `duration` (s)."""
+    return np.empty(contacts, CONTACT), np.empty(points, TRACE), np.empty(snaps), max(1e-3, duration / 1e5)
 
 
 def sweep(
@@ -136,7 +114,7 @@ def sweep(
     changed = _with_columns(template, columns, shape)
     approaches, table = pack_approaches(*changed, columns["duration"], shape)
     chains = np.zeros(shape, CHAIN)
-    limits = {"tolerance": LOCAL_SHARE * rtol, "max_steps": MAX_STEPS, "recorder": NOTHING_RECORDED}
+    limits = {"tolerance": LOCAL_SHARE * rtol, "max_steps": MAX_STEPS, "recorder": None}
     run = partial(approach_rows, approaches, table, chains, **limits)
     over_rows(run, chains.size, threads, APPROACHES_PER_THREAD)
     results = {field: chains[name].copy() for field, name in _OUTCOMES.items()}

@@ -26,7 +26,7 @@ from refusal import refused
 from refused_calls import MAKERS, set_up_file
 
 import impact_gym as ig
-from agents import load_policy, load_setup
+from agents import load_baseline, load_policy, load_setup
 from agents.export.c_header import header, identifier
 from agents.export.replay import LANGUAGES, WARNINGS
 from agents.policies import Ensemble, Policy
@@ -93,7 +93,8 @@ BORDERS = {
         make(ID, tool_mass=(0.1, 0.2)), tree.get("seed"), tree.get("options")))
        for place, make in enumerate(MAKERS[:2])},
     **{f"{kind}'s name": ({kind: "test"}, ANY, lambda tree, load=load, kind=kind: load(tree.get(kind)))
-       for kind, load in {"set-up": load_setup, "policy": load_policy, "set": evaluation_sets.load}.items()},
+       for kind, load in {"set-up": load_setup, "policy": load_policy, "set": evaluation_sets.load,
+                           "baseline": load_baseline}.items()},
 }  # fmt: skip
 
 
@@ -213,13 +214,13 @@ def test_archive_is_of_bounded_size_and_no_parts_overlap(tmp_path, monkeypatch):
     refused(partial(load_policy, path), f"its parts {first.filename!r} and {second.filename!r} overlap")
 
 
-@pytest.mark.parametrize(("load", "suffix"), [(load_setup, ".toml"), (load_policy, ".npz")])
+@pytest.mark.parametrize(("load", "suffix"), [(load_setup, ".toml"), (load_policy, ".npz"), (load_baseline, ".json")])
 def test_what_is_there_and_no_file_is_called_that(suffix, load, tmp_path):
     os.mkfifo(tmp_path / f"pipe{suffix}")
     (tmp_path / f"ring{suffix}").symlink_to(f"ring{suffix}")
     (tmp_path / f"folder{suffix}").mkdir()
     for path in tmp_path.iterdir():
-        refused(partial(load, path), path.name, "but it is a folder, a device, a pipe or a loop of links")
+        refused(partial(load, path), path.name, "but it is a folder, a device, a pipe, a socket, or a link that leads")
 
 
 def test_file_is_written_through_links_and_over_nothing_else(tmp_path):

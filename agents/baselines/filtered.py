@@ -20,6 +20,7 @@ from impact_gym.task.task import VELOCITY_RANGE
 KEPT = 32  # number of the latest control steps that the filter remembers; a reading from an earlier step is not used
 END = 4 + 3 * KEPT  # number of the state's entries before the estimate
 BEYOND, GOING_ON = 0.003, 0.15  # m, m/s; with the tool farther than this behind the estimated place, the flange goes on
+LIGHT, GENTLY = 0.25, 0.05  # N, m/s; the speed behind the place if force errors hide touches of this force
 Flags = NDArray[np.bool_]
 
 
@@ -27,8 +28,8 @@ class FilteredProfile(StretchedProfile, tunable=True):
     """Follow a speed profile over the distance that a filter estimates from the range readings.
 
     Where readings are too short, the object is behind the estimated place. There the tool does not stop: until a force
-    is felt, the flange goes on with at least GOING_ON. A reading of 0 hides how large a negative error is; it is not
-    used.
+    is felt, the flange goes on with at least GOING_ON, or with GENTLY if a light touch is not felt: the object would be
+    pushed. A reading of 0 hides how large a negative error is; it is not used.
     """
 
     NEEDS: ClassVar[Mapping[str, Any]] = {"range_sensor": {"noise": 0.01}}
@@ -49,7 +50,7 @@ class FilteredProfile(StretchedProfile, tunable=True):
 
     def going_on(self) -> tuple[float, Floats]:
         """Return how far (m) behind the estimated place the tool is when the flange goes on, and its speed (m/s)."""
-        return BEYOND, np.asarray(GOING_ON)
+        return BEYOND, np.asarray(GENTLY if self.felt > LIGHT else GOING_ON)
 
     @property
     def felt(self) -> float:

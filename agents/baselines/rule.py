@@ -8,7 +8,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_gym.support.validation import Range, WrongTypeError, number
+from impact_gym.support.validation import Range, WrongTypeError, distinct, number
 from impact_gym.task import ObservationSpec, ScenarioRanges, Task
 from impact_gym.task.task import ACCELERATION_RANGE, VELOCITY_RANGE
 
@@ -207,12 +207,14 @@ def tuned_rule(content: Mapping[str, Any]) -> Rule:
 
 
 def tuned_parameters(content: Mapping[str, Any]) -> dict[float, list[float]]:
-    """Return the parameters for each time weight (m/s per s), ascending; ValueError, LookupError: not all are numbers.
+    """Return the parameters for each time weight (m/s per s), ascending; ValueError, LookupError: one is invalid.
 
     The order of the parameters in an entry of "weights" may differ from that in "parameters".
     """
     table = dict[float, list[float]]()
+    distinct("weights", [*map(float, content["weights"])])
     for weight, found in content["weights"].items():
-        row = [number(each["name"], found["parameters"][each["name"]], each["unit"]) for each in content["parameters"]]
+        row = [number(each["name"], found["parameters"][each["name"]], each["unit"], at_least=each["low"],
+                      at_most=each["high"]) for each in content["parameters"]]  # fmt: skip
         table[number("each of weights", float(weight), "m/s per s", above=0)] = row
     return dict(sorted(table.items()))

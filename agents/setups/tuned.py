@@ -16,7 +16,7 @@ from agents.policies import Controller
 from agents.setups.setup import TUNED, Setup, setup_tuning, shipped_baselines
 from impact_gym.support.archive import archive_of, checksum, read_archive, refuse_altered
 from impact_gym.support.files import NO_FILE, parsed, reason, write_file
-from impact_gym.support.validation import nearest, number
+from impact_gym.support.validation import nearest, number, one_of
 from impact_gym.task import Task
 from impact_gym.teleop.channels import without_files
 
@@ -30,10 +30,11 @@ def load_baseline(name: str | Path, time_weight: float = 2.0, folder: Path | str
     """Return a baseline, by its name (in `folder`) or its file, for `time_weight` (m/s per s), see `Rule.at`.
 
     Raises:
-        ValueError: there is no such baseline; the time weight is not above 0; the file is missing or altered, or does
-            not fit this version.
+        TypeError, ValueError: there is no such baseline; the time weight is not above 0; the file is missing or
+            altered, or does not fit this version.
     """
     number("time_weight", time_weight, "m/s per s", above=0)
+    one_of("baseline", name, str, os.PathLike)
     if name in FIXED:
         return FIXED[name]()
     return tuned_rule(read_tuned(name, Path(folder) if folder else None)).at(time_weight)
@@ -50,11 +51,11 @@ def read_tuned(name: str | Path, folder: Path | None = None, setup: Setup | None
     name, folder = (path.stem, path.parent) if path.suffix == ".json" else (str(name), folder)
     setup = setup_tuning(name, setup)
     path = (folder or (setup.folder / "tuned" if setup else TUNED)) / f"{name}.json"
-    if setup is None and not path.is_file():
+    if setup is None and not os.path.lexists(path):
         raise ValueError(nearest("baseline", name, [*FIXED, *shipped_baselines()]))
     remedy = f"run impact-gym tune {setup.cli_name if setup else 'SETUP'} --out {path.parent}"
     if not path.is_file():
-        why = f"{path} is {NO_FILE}" if os.path.lexists(path) else f"there is no file {path}"
+        why = f"{path} must be a file, but it is {NO_FILE}" if os.path.lexists(path) else f"there is no file {path}"
         raise ValueError(f"baseline {name!r} was not tuned ({why}): {remedy}")
     try:
         content: dict[str, Any] = parsed(path, "JSON", json.loads)

@@ -108,6 +108,7 @@ class Batch:
             tables.append(table)
             numbers += len(table)
         self._tasks, self.draws = np.concatenate(records), np.array(draws, kernels.DRAW)
+        self._limits = np.array([(task.force_limit, task.velocity_limit) for task in tasks], np.float64)
         self._drawn = self.draws.copy()  # `set_scenario` changes `draws`
         self._tables, self._entries = np.concatenate(tables), self.spec.pack()
         self.models = kernels.models_of(np.ascontiguousarray(self._tasks["mount"]))
@@ -221,7 +222,7 @@ class Batch:
     def _digest(self, state: Mapping[str, Any]) -> str:
         rest = {name: value for name, value in state.items() if name not in (*_STATE, "sha256")}
         total = sha256(repr(rest).encode())
-        of_tasks = self._tasks, self._drawn, self._tables, self._entries
+        of_tasks = self._tasks, self._limits, self._drawn, self._tables, self._entries
         for values in (*of_tasks, *(np.asarray(state[name]) for name in _STATE)):
             total.update(_dtype_text(values.dtype).encode() + values.tobytes())
         return total.hexdigest()

@@ -36,7 +36,7 @@ class Column(NamedTuple):
     unit: str  # SI unit, a key of SCALES
     names: str  # regular expression that matches the column's name in lower case, with a blank between words
     needs_unit: bool = False  # True: the file must state the unit, because several units are common
-    may_be_empty: bool = False  # True: a missing value becomes nan; False: its line is left out
+    may_be_empty: bool = False  # True: none is negative, a missing one becomes nan; False: its line is left out
 
 
 class Meaning(NamedTuple):
@@ -55,12 +55,18 @@ def meaning_of(head: str, wanted: Mapping[str, Column]) -> Meaning:
             plain, unit = _plain(parts[1]), parts[2]
             name = next((name for name in wanted if re.fullmatch(wanted[name].names, plain)), None)
             exact = name is not None and plain == name.replace("_", " ")
-            if name and form == AS_SUFFIX and STATISTICS.fullmatch(unit) and not re.search(r"\bin\W+\w+$", head):
+            in_words = re.search(r"[\])}>]\s*$|\bin\W+\w+$", head)
+            if name and unit and STATISTICS.fullmatch(unit) and not in_words:
                 return Meaning(name, unit, statistic=True)
             known = name and (scale_of(of := wanted[name].unit, unit) or re.fullmatch(OTHER_UNITS.get(of, "$"), unit))
             if name and (form in IN_BRACKETS or not unit or known):
                 return Meaning(name, unit, exact)
     return Meaning()
+
+
+def mentions(text: str, wanted: Mapping[str, Column]) -> int:
+    """Return how many of the wanted columns the first LONGEST_NAME characters of a text name, as words."""
+    return sum(bool(re.search(rf"\b({column.names})\b", _plain(text[:LONGEST_NAME]))) for column in wanted.values())
 
 
 def _plain(name: str) -> str:

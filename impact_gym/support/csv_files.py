@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_gym.support.column_names import SCALES, Column, Meaning, meaning_of, scale_of
+from impact_gym.support.column_names import SCALES, Column, Meaning, meaning_of, mentions, scale_of
 from impact_gym.support.files import parsed
 from impact_gym.support.validation import shown
 
@@ -28,8 +28,10 @@ NUMBERS = {
     sign: re.compile(rf"[+-]?((\d+([{sign}]\d*)?|[{sign}]\d+)(e[+-]?\d+)?|nan|inf(inity)?)|({STAMP})", re.IGNORECASE)
     for sign in ".,"
 }
-DATES = r"\d(:|[./-]\d+[./-])\d"  # of any form
-GAPS = {"", "-", "--", "*", "na", "n/a", "#n/a", "null", "none", "lost", "timeout"}
+DATES = r"\d(:|[./-]\d+[./-]|T)\d"  # of any form
+GAPS = {
+    "", "-", "--", "*", "?", "na", "n/a", "#n/a", "n.a.", "null", "none", "lost", "timeout", "1.#qnan", "-1.#ind",
+}  # fmt: skip
 """Fields, in lower case, that stand for a missing value, as nan does."""
 COMMENTS = ("#", "%", "//")
 MOST_NAMED = 20  # headers in a message
@@ -99,11 +101,19 @@ def _table(text: str, wanted: Mapping[str, Column], unnamed: Sequence[str]) -> T
         values, rows = values[~gaps], dict(compress(rows.items(), (~gaps).tolist()))
         if not rows:
             raise ValueError(f"no line has a value of each of {', '.join(sources)}")
-    if len(fall := np.flatnonzero(np.diff(values[:, [*sources].index(unnamed[0])]) <= 0.0)):
-        at, place = [*rows][fall[0] : fall[0] + 2], sources[unnamed[0]][0]
-        before, after = (shown(_split(rows[k], layout.separator)[place]) for k in at)
+    numbers_of = dict(zip(sources, values.T, strict=True))
+
+    def written(k: int, name: str) -> str:
+        return shown(_split([*rows.values()][k], layout.separator)[sources[name][0]])
+
+    for name, column in numbers_of.items():
+        allowed = "finite" if not wanted[name].may_be_empty else "at least 0, or empty if there is none"
+        for k in np.flatnonzero(column < 0.0 if wanted[name].may_be_empty else np.isinf(column)).tolist():
+            raise ValueError(f"line {[*rows][k]}: {name} must be {allowed}, got {written(k, name)}")
+    for k in np.flatnonzero(np.diff(numbers_of[unnamed[0]]) <= 0.0).tolist():
+        at, (before, after) = [*rows][k : k + 2], (written(k + more, unnamed[0]) for more in (0, 1))
         raise ValueError(f"line {at[1]}: {unnamed[0]} must rise, got {after} after {before} in line {at[0]}")
-    columns = {name: values[:, n] * (scale or 1.0) for n, (name, (_, scale)) in enumerate(sources.items())}
+    columns = {name: numbers_of[name] * (scale or 1.0) for name, (_, scale) in sources.items()}
     said = ", ".join(
         f"{name} ({wanted[name].unit}) from {shown(heads[place]) if heads[place] else f'column {place + 1}'}"
         + ("" if scale else " without a unit" if name not in stamped else " as dates or times")
@@ -175,15 +185,18 @@ def _layout(lines: Sequence[str]) -> _Layout:
             if sum(shares) > most:
                 usual = Counter(found for found in places if found[1:]).most_common(1)[0][0]
                 first = next(k for k, row in enumerate(rows) if places[k] and len(row) > usual[-1]
-                             and all(place in places[k] or not row[place] for place in usual))  # fmt: skip
+                             and not any(row[place] for place in {*usual}.difference(places[k])))  # fmt: skip
                 best = _Layout(separator, decimal, first, usual[-1] + 1, len(rows[first]))
                 most = sum(shares)
     if best is None:
         written = next((line for line in reversed(lines) if line.strip()), "")
         reason = f"no line has two numbers (first {len(lines)} lines read); the last line with text is {shown(written)}"
-        reason += "; dates must be written as 2024-05-01T12:00:00.5 or 12:00:00.5" * bool(re.search(DATES, written))
-        raise ValueError(reason if written else "it is empty")
+        raise ValueError(reason + _date_hint(written) if written else "it is empty")
     return best
+
+
+def _date_hint(line: str) -> str:
+    return "; dates must be written as 2024-05-01T12:00:00.5 or 12:00:00.5" if re.search(DATES, line) else ""
 
 
 def _sources(
@@ -194,15 +207,15 @@ def _sources(
     heads, units, between = _names(lines, layout, wanted)
     if heads and between:
         raise ValueError(f"line {between[0] + 1} must have units or numbers, got {shown(lines[between[0]])}")
-    words = _split(lines[between[0]], layout.separator) if between and not heads else []
-    if len(words) > 1 and (
-        layout.separator or len(words) == layout.least or any(meaning_of(w, wanted).name for w in words)
-    ):
+    above = lines[between[0]] if between and not heads else ""
+    words, dates = _split(above, layout.separator), "" if layout.separator else _date_hint(lines[layout.first])
+    known = layout.separator or len(words) == layout.least or any(meaning_of(w, wanted).name for w in words)
+    if (len(words) > 1 and known) or mentions(above, wanted) > 1:
         raise ValueError(f"line {between[0] + 1} must name the {layout.least} or more columns below it, "
-                         f"with known names ({allowed}), got {shown(lines[between[0]])}"
-                         + ": are commas also decimal signs?" * (layout.separator == ","))  # fmt: skip
+                         f"with known names ({allowed}), got {shown(above)}"
+                         + (dates or ": are commas also decimal signs?" * (layout.separator == ",")))  # fmt: skip
     if not heads and layout.least != len(unnamed):
-        raise ValueError(f"{layout.least} columns must have names (known: {allowed}), got none")
+        raise ValueError(f"{layout.least} columns must have names (known: {allowed}), got none" + dates)
     meanings = [meaning_of(head, wanted) for head in heads] or [Meaning(name) for name in unnamed]
     sources: _Sources = {}
     for name, column in wanted.items():

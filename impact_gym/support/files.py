@@ -16,7 +16,7 @@ from impact_gym.support.validation import nearest, one_of, shown
 Content = TypeVar("Content")
 
 
-NO_FILE = "a folder, a device, a pipe or a loop of links"
+NO_FILE = "a folder, a device, a pipe, a socket, or a link that leads to no file"
 
 
 def named_file(kind: str, name: Any, shipped: Path, suffix: str, *inside: str) -> Path:
@@ -27,7 +27,7 @@ def named_file(kind: str, name: Any, shipped: Path, suffix: str, *inside: str) -
     Raises:
         TypeError: `name` is neither a string nor a path.
         ValueError: there is no such file, and the message names a similar shipped file, or all shipped files; or it is
-            a pipe, a device, a loop of links, or a folder without such a file.
+            NO_FILE, or a folder without such a file.
     """
     one_of(kind, name, str, os.PathLike)
     for path in (shipped / f"{name}{suffix}", Path(name), *(Path(name) / file for file in inside)):
@@ -76,7 +76,7 @@ def reason(error: Exception) -> str:
     """Return in one line why a file cannot be read."""
     if isinstance(error, (RecursionError, KeyError)):
         return f"it has no {shown(*error.args)}" if isinstance(error, KeyError) else "it is nested too deeply"
-    return " ".join(str(getattr(error, "strerror", None) or error).split())
+    return " ".join(str(getattr(error, "strerror", None) or error).split()) or type(error).__name__
 
 
 UNFINISHED = ".unfinished"

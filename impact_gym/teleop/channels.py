@@ -116,12 +116,14 @@ def columns_of(trace: Any) -> list[list[float]]:
         if isinstance(trace, (str, Path)):
             columns, said = read_columns(Path(trace), TRACE_COLUMNS, ("time", "delay"))
             time, delay = columns["time"], columns["delay"]
-            delay = np.where(np.isnan(delay) | (delay == np.inf), LOST, delay)
-            arrived = delay[delay < LOST]
-            if "without a unit" in said and len(arrived) and (usual := float(np.median(arrived))) >= USUAL_DELAY:
-                hint = unit_hint(usual, USUAL_DELAY, LEAST_USUAL) or "."
-                raise ValueError(f"its delay is {usual:g} s in the median{hint} "
-                                 "Write both units into the header, such as time (s), delay (s)")  # fmt: skip
+            delay = np.where(np.isnan(delay), np.inf, delay)
+            usual = float(np.median(delay[delay < np.inf])) if np.isfinite(delay).any() else 0.0
+            dated = unit_hint(0.0, 0.0, begin=time[0])
+            if "without a unit" in said and (dated or usual >= USUAL_DELAY):
+                got = f"time begins at {time[0]:.16g} s" if dated else f"delay is {usual:g} s in the median"
+                hint = dated or unit_hint(usual, USUAL_DELAY, LEAST_USUAL) or "."
+                raise ValueError(f"its {got}{hint} Write both units into the header, such as time (s), delay (s)")
+            delay = np.where(delay < np.inf, np.minimum(delay, np.nextafter(LOST, 0.0)), LOST)
             return [(time - time[0]).tolist(), delay.tolist()]
         rows = np.asarray(trace, np.float64).T
     except (OSError, TypeError, ValueError) as problem:

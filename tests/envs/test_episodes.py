@@ -130,7 +130,8 @@ def test_altered_state_is_refused_by_name_and_changes_nothing():
 @pytest.mark.parametrize("other", [
     {"time_weight": 3.0}, {"reaction_delay": 0.03}, {"scenario": "hard"}, {"scenario": {"distance": 0.3}},
     {"tool_mass": (0.1, 0.2)}, {"coupling": {"type": "SpringDamper", "stiffness": (40.0, 60.0)}}, {"horizon": 1.3},
-    {"rtol": 1e-7}, {"missed_cost": 3.0}, {"time_weight": (2.0, 2.1)}, {"per_slot": [{}, {"time_weight": 3.0}]},
+    {"rtol": 1e-7}, {"missed_cost": 3.0}, {"force_limit": 5.0}, {"time_weight": (2.0, 2.1)},
+    {"per_slot": [{}, {"time_weight": 3.0}]},
 ], ids=str)  # fmt: skip
 def test_state_of_another_task_is_refused(other):
     envs, others = ImpactApproachVectorEnv(2), ImpactApproachVectorEnv(2, **other)

@@ -1,6 +1,7 @@
 """Datasets of Minari: their contract, atomic writes, bit-exact replay; an operator made of attempts."""
 
 import json
+import os
 import runpy
 import sys
 import tomllib
@@ -84,7 +85,10 @@ def test_episodes_are_those_of_the_environment_in_order(capsys, monkeypatch):
 
 
 def test_failed_write_leaves_nothing_and_none_is_replaced(rule, root):
-    refused(lambda: make(who=("rule",)), f"there is a dataset {NAME} already", "another --version")
+    before = os.stat(rule).st_ino
+    make(who=("rule",))  # the same again, as after an interruption
+    refused(lambda: make(who=("rule",), seed=SEED + 1), f"there is another dataset {NAME} already", "another --version")
+    assert os.stat(rule).st_ino == before
     setup = load_setup("linear-blind")
 
     def stopped():
@@ -124,6 +128,8 @@ HOSTILE = {  # the named field, and a hostile value in a dataset's metadata
 SPOILED = {  # words of the refusal, and what changed metadata or data
     "it has 5 episodes, but its metadata say 1000000000": lambda about, _: about.update(total_episodes=10**9),
     "total_episodes must be a whole number of at least 1, got -1": lambda about, _: about.update(total_episodes=-1),
+    "steps, but its metadata say -5": lambda about, _: about.update(total_steps=-5),
+    "cannot be loaded (AssertionError)": lambda about, _: about.update(minari_version=3),
     "it has no 'total_episodes'": lambda about, _: about.pop("total_episodes"),
     "its data must be in HDF5": lambda about, _: about.update(data_format="arrow"),
     "its observation_space is not": lambda about, _: about.update(observation_space=about["action_space"]),

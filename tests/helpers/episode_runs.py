@@ -6,10 +6,10 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence
-from impact_gym.kernels import PACKET
 
 import impact_gym as ig
 from impact_gym.envs.batch import Batch
+from impact_gym.kernels import PACKET
 from impact_gym.task import QUANTITIES, Task
 
 ID, TELEOP = "ImpactApproach-v0", "ImpactTeleop-v0"

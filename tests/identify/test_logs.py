@@ -69,7 +69,7 @@ def test_dates_and_clock_times_become_seconds_since_the_first(stamps, tmp_path):
     assert "time (s) from 'time' as dates or times" in said
 
 
-@pytest.mark.parametrize("gap", ["", "nan", "NaN", "NA", "-", "null", '"nan"', " * "])
+@pytest.mark.parametrize("gap", ["", "nan", "NaN", "NA", "-", "null", '"nan"', " * ", "-1.#IND"])
 def test_line_without_a_value_counts_as_a_lost_sample(gap, tmp_path):
     lines = table("time,force\n").decode().splitlines()
     without = [line if k not in (1, 9) else f"{line.split(',')[0]},{gap}" for k, line in enumerate(lines)]

@@ -10,7 +10,7 @@ from scipy.integrate import quad
 from solver_scenes import scene
 
 import impact_gym as ig
-from experiments.reference import laws
+from impact_gym.experiments.reference import laws
 from impact_gym.physics import dissipation, impact
 from impact_gym.physics.hertz import GENT, rubber
 from impact_gym.task import ScenarioRanges
