@@ -288,18 +288,20 @@ cdef class Rows:
         )
 
     def begin(self, rows, uniforms, fixed):
-        """Begin episodes in `rows` (k,); `draw_record` explains `uniforms` (k, UNIFORMS) and `fixed` (k,)."""
+        """Begin episodes in `rows` (k,); `draw_record` explains `uniforms` (k, UNIFORMS) and `fixed` (k,) or None."""
         cdef const int64_t *index = <const int64_t *> memory_of(rows)
         cdef const double *uniform = <const double *> memory_of(uniforms)
-        cdef const Record *given = <const Record *> memory_of(fixed)
+        cdef const Record *given = NULL if fixed is None else <const Record *> memory_of(fixed)
+        cdef Record free
         cdef Row row
         cdef Record drawn
         cdef Mount mount
         cdef int64_t k, count = len(rows)
+        memset(&free, 0xFF, sizeof(Record))  # all numbers nan: nothing is fixed
         with nogil:
             for k in range(count):
                 row = self.row(index[k])
-                drawn = draw_record(row.task, self.draws, &uniform[k * UNIFORMS], &given[k])
+                drawn = draw_record(row.task, self.draws, &uniform[k * UNIFORMS], &given[k] if given else &free)
                 if row.task.mount_drawn:
                     mount = row.task.mount
                     mount.tool_mass, mount.coupling, mount.robot = drawn.tool_mass, drawn.coupling, drawn.robot
@@ -322,6 +324,7 @@ cdef class Rows:
                     continue
                 load_ahead(&self.chains[i + 1], sizeof(Chain))
                 load_ahead(&self.episodes[i + 1], sizeof(Episode))
+                load_ahead(&self.readings[(i + 1) * self.slots], self.slots * sizeof(Reading))
                 row = self.row(i)
                 run.model = &self.models[i * self.each_model]
                 run.recorder.trace = self.recorder.trace + i * self.recorder.trace_rows

@@ -95,6 +95,7 @@ class Batch:
         self.observations = np.zeros((size, len(self.spec)), np.float32)
         self.rewards = np.zeros(size)
         self.traces = np.empty((size, trace_points), kernels.TRACE)
+        self._begun = False  # whether each row is known to have had an episode
         self._pack(tasks)
         self._infos = Infos(tasks)
         self._make_rows()
@@ -152,7 +153,7 @@ class Batch:
         if isinstance(draws, list):
             generators, draws = draws, np.empty((len(rows), kernels.UNIFORMS))
             kernels.draw_uniforms(generators, rows, draws)
-        self._rows.begin(rows, np.ascontiguousarray(draws), records_with(len(rows), {}) if fixed is None else fixed)
+        self._rows.begin(rows, np.ascontiguousarray(draws), fixed)
 
     def begin_seeded(self, seed: int, fixed: Mapping[str, ArrayLike], copies: int = 1) -> None:
         """Begin an episode in every row, with the random numbers of an environment's first episode after seeding.
@@ -184,7 +185,8 @@ class Batch:
 
     def check_begun(self, call: str) -> None:
         """Raise ResetNeeded, which names `call`, if a row has had no episode; its object then has no mass."""
-        if not self.episodes["drawn"]["object_mass"].all():
+        self._begun = self._begun or bool(self.episodes["drawn"]["object_mass"].all())
+        if not self._begun:
             raise ResetNeeded(f"there is no episode yet: call reset before {call}")
 
     def set_operator_velocity(self, velocities: ArrayLike) -> None:
@@ -216,6 +218,7 @@ class Batch:
         if state.get("sha256") != self._digest(state):
             about = "must match its arrays, generators and tasks: the state was altered, or belongs to another batch"
             raise ValueError(f"sha256 of a state {about}")
+        self._begun = False
         for name in _STATE:
             getattr(self, name)[:] = state[name]
 

@@ -94,7 +94,7 @@ class Infos:
         """Return the values for infos of `rows` (k,): numbers (n, k) from EPISODE, and arrays (k,) for OTHERS."""
         numbers = episodes.view(np.float64).reshape(len(episodes), -1)[rows, self._numbers]
         count, status, messages = chains["contacts"][rows], episodes["status"][rows], np.full(len(rows), "ok", object)
-        for row in np.flatnonzero(status):
+        for row in status.nonzero()[0]:
             messages[row] = STATUS_MESSAGES[int(status[row])]
         missed = (episodes["terminated"][rows] == 1) & (count == 0)
         return numbers, [chains["peak_force"][rows], count, missed, messages]

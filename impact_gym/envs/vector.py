@@ -113,7 +113,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
     def begin(self, seed: Any, mask: Flags, fixed: NDArray[Any] | None = None) -> Floats:
         """Begin an episode in the k slots of `mask`; return the observations. For `fixed` (k,) see `Batch.begin`."""
         self._seed(seed, mask)
-        self.batch.begin(np.flatnonzero(mask), self._generators, fixed)
+        self.batch.begin(mask.nonzero()[0], self._generators, fixed)
         self._ended[mask] = False
         return self.batch.observations.copy()
 
@@ -126,7 +126,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
             raise ResetNeeded("some episodes have ended: call reset with options={'reset_mask': ...}")
         batch.step(actions, skip)
         if skip.any():
-            batch.begin(np.flatnonzero(skip), self._generators)
+            batch.begin(skip.nonzero()[0], self._generators)
             batch.rewards[skip] = 0.0
         self._skipped = skip
         terminated, truncated = batch.episodes["terminated"] == 1, batch.episodes["truncated"] == 1
@@ -142,8 +142,8 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         entries, (rewards, scalar) = batch.step_columns(), self._rewards()
         infos = masked(scalar, np.ones_like(ended)) | (masked(of_rows(entries, acted), acted) if acted.any() else {})
         if ended.any():
-            rows = np.flatnonzero(ended)
-            finals = masked(batch.info(np.flatnonzero(terminated)), terminated) if terminated.any() else {}
+            rows = ended.nonzero()[0]
+            finals = masked(batch.info(terminated.nonzero()[0]), terminated) if terminated.any() else {}
             if not same_step:
                 infos |= finals
             else:
