@@ -16,6 +16,8 @@ from refusal import refused
 
 from agents import jobs
 from agents.baselines.rule import View
+from agents.evaluate.scenario_batch import ScenarioBatch
+from agents.setups import load_baseline
 from experiments import studies
 from experiments.lab import results
 from experiments.lab import study as lab_study
@@ -23,6 +25,7 @@ from experiments.lab.parts import Picture, Section, Table
 from experiments.lab.statistics import Resamples
 from experiments.lab.study import Cell, Findings, Measurement, Study, StudyOptions, StudyRun, csv_of
 from experiments.studies import sensors, speed, stability, teleop
+from experiments.studies.sensors.ahead import LookAhead
 from experiments.studies.sensors.learning import USUAL, Inputs, ToldProfile
 from experiments.studies.solvers import approaches
 from experiments.studies.speed import rates
@@ -147,7 +150,7 @@ def test_page_and_tables_are_of_the_newest_run(study, tmp_path):
 
 
 PLAYED = {"weights": [sensors.WEIGHT], "scenarios": {"set": "test", "count": 40}}
-TRAINED = Cell(SEEDED := {"inputs": "readings", "seed": 0}, SEEDED | PLAYED | {"steps": 1 << 15})
+TRAINED = Cell(SEEDED := {"inputs": "recurrent", "seed": 0, "steps": 1 << 15}, SEEDED | PLAYED)
 FEW = {
     "paper": {figure: [Cell({}, {})] for figure in ("figure_02", "figure_23")},
     "speed": {"times": [next(speed.cells(True, {}))], "cost": None},
@@ -262,6 +265,16 @@ def test_told_filter_finds_the_place_of_the_object():
         view, state = rule.see(View(batch.observations, ObservationSpec(task)), state, None)
     error = view["distance_estimate"] + batch.sensors()["position"] - batch.info()["scenario"]["distance"]
     assert np.abs(error).max() < 0.003  # the swing of the tool, as the filter predicts it, has an error of up to 2 mm
+
+
+def test_prediction_of_the_cost_agrees_with_episodes():
+    shipped = load_baseline("sensed-robust-profile", 2.0)
+    task = shipped.task.changed({"time_weight": 2.0})
+    played, rule = ScenarioBatch(0, 500, task).play(shipped), LookAhead.of(shipped.parameters).for_task(task)
+    (batch := Batch(500, task)).begin_seeded(0, {})
+    view, _ = rule.see(View(batch.observations, rule.spec), None, None)
+    predicted = rule.predicted(view)[:, 0].mean()  # before the first step, without a shift
+    assert predicted == pytest.approx(played.loss(2.0).mean(), rel=0.05)
 
 
 def test_network_observes_the_last_eight_readings():

@@ -18,6 +18,7 @@ from agents.policies import Controller
 from agents.setups import Training, load_setup
 from agents.setups.training import SLOTS
 from agents.setups.tuned import read_tuned
+from experiments.studies.sensors.ahead import LookAhead
 from impact_gym.task import ObservationSpec, Task
 
 SETUP = load_setup("sensed-robust")
@@ -26,6 +27,7 @@ USUAL = np.array([0.1, 0.007, 0.07])  # m, m, -: usual size of the filter's dist
 INPUTS = {  # what the actor observes in addition to the environment's observation
     "reading": "nothing",
     "readings": f"the last {READINGS} readings, and how far the flange moved since each",
+    "recurrent": "nothing, but it has a memory (LSTM)",
     "filter": "the filter's distance, bias and scale, and their standard deviations",
     "profile": "as with filter, and the profile's action, to which its own action is added",
 }
@@ -56,7 +58,7 @@ class FirstProfile(SelfCalibratingProfile):
     READINGS = 1
 
 
-RIVALS = {"first reading only": FirstProfile, "told bias and scale": ToldProfile}
+RIVALS = {"first reading only": FirstProfile, "told bias and scale": ToldProfile, "looking ahead": LookAhead}
 
 
 class Inputs:
@@ -70,7 +72,7 @@ class Inputs:
         """Return additional numbers (n, k) for `observations` (n, n_obs), actions (n, 2) to add, and the next state."""
         view = View(observations[:, : len(self.spec)], self.spec)
         added: NDArray[Any] = np.zeros((len(observations), 2))
-        if self.name == "reading":
+        if self.name in ("reading", "recurrent"):
             return added[:, :0], added, None
         if self.name == "readings":
             now = np.stack([view["range"], view["position"]])
@@ -91,6 +93,7 @@ def trained(name: str, seed: int, steps: int) -> Controller:
     """Return a network, trained with one of INPUTS, as a controller."""
     import torch
     from gymnasium import spaces
+    from sb3_contrib import RecurrentPPO
     from stable_baselines3 import PPO
     from stable_baselines3.common.vec_env import VecEnvWrapper
 
@@ -127,22 +130,34 @@ def trained(name: str, seed: int, steps: int) -> Controller:
             own = model.policy.mlp_extractor.policy_net(torch.from_numpy(numbers(observation, more)))
             return np.clip(added + model.policy.action_net(own).numpy().clip(-1.0, 1.0), -1.0, 1.0), state
 
+    def recall(observation: Any, state: Any, episode_start: Any, deterministic: bool) -> tuple[Any, Any]:
+        seen = numbers(observation, np.zeros((len(observation), 0)))
+        return model.predict(np.pad(seen, ((0, 0), (0, len(known) - actor))), state, episode_start, deterministic)
+
     torch.set_num_threads(1)
-    environments = make_environments(run)
+    environments, remembers = make_environments(run), name == "recurrent"
     more = inputs.see(environments.reset(), None, np.ones(TRAINING.envs, np.bool_))[0].shape[1]
-    network = {
-        "actor_inputs": len(inputs.spec) + more, "net_arch": [TRAINING.width] * TRAINING.depth,
+    actor, known, layers = len(inputs.spec) + more, torch.ones(len(centre) + more), [TRAINING.width] * TRAINING.depth
+    known[actor:] = 0.0
+    network: dict[str, Any] = {
         "activation_fn": ACTIVATIONS[TRAINING.activation], "optimizer_kwargs": {"eps": 1e-5, "fused": True},
         "log_std_init": -2.0 if name == "profile" else TRAINING.log_std,
     }  # fmt: skip
-    model = PPO(
-        AsymmetricPolicy, Seeing(environments, spaces.Box(-np.inf, np.inf, (len(centre) + more,), np.float32)),
-        policy_kwargs=network, n_steps=TRAINING.rollout, batch_size=TRAINING.batch, n_epochs=TRAINING.epochs,
+    memory = {"lstm_hidden_size": TRAINING.width, "enable_critic_lstm": False, "share_features_extractor": False}
+    network |= {"net_arch": {"pi": layers[1:], "vf": layers}, **memory} if remembers else {"net_arch": layers}
+    network |= {} if remembers else {"actor_inputs": actor}
+    algorithm: Any = RecurrentPPO if remembers else PPO
+    model = algorithm(
+        "MlpLstmPolicy" if remembers else AsymmetricPolicy,
+        Seeing(environments, spaces.Box(-np.inf, np.inf, (len(known),), np.float32)), policy_kwargs=network,
+        n_steps=TRAINING.rollout, batch_size=TRAINING.batch, n_epochs=TRAINING.epochs,
         learning_rate=TRAINING.rate, gamma=1.0, gae_lambda=TRAINING.gae_lambda, seed=seed, device="cpu",
     )  # fmt: skip
+    if remembers:  # hide from the actor what only the critic observes
+        model.policy.pi_features_extractor.register_forward_hook(lambda _, __, seen: seen * known)
     environments.seed(FIRST_SEED + seed * SLOTS)
     model.learn(steps)
-    return SimpleNamespace(predict=predict)
+    return SimpleNamespace(predict=recall if remembers else predict)
 
 
 def learn(inputs: str, seed: int, steps: int, scenarios: Mapping[str, Any], weights: Sequence[float]) -> pl.DataFrame:
@@ -152,7 +167,10 @@ def learn(inputs: str, seed: int, steps: int, scenarios: Mapping[str, Any], weig
 
 
 def rival(rival: str, weight: float, tuning: int, generations: int, scenarios: Mapping[str, Any]) -> pl.DataFrame:
-    """Tune one of RIVALS in `tuning` scenarios, from the shipped profile on; return the rows of `rows_of`."""
+    """Tune one of RIVALS in `tuning` scenarios, from the shipped profile on; return the rows of `rows_of`.
+
+    Without `generations`, the rival has the parameters of the shipped profile.
+    """
     kind, shipped = RIVALS[rival], tuned_rule(read_tuned("sensed-robust-profile")).at(weight).parameters
     task = SETUP.task.changed({"privileged": "privileged" in kind.NEEDS})
     options: Any = {"time_weight": [weight] * POPULATION, "copies": POPULATION, "threads": 1, "lenient": True}
@@ -167,7 +185,7 @@ def rival(rival: str, weight: float, tuning: int, generations: int, scenarios: M
         return limits._replace(low=max(limits.low, least), high=min(limits.high, most), start=start)
 
     search = tuple(map(near, kind.limited(ranges), shipped.tolist()))
-    best = minimise(losses, search, 1, POPULATION, generations, seed=1).parameters[0]
+    best = minimise(losses, search, 1, POPULATION, generations, seed=1).parameters[0] if generations else shipped
     return rows_of(kind.of(best, ranges).for_task(task), task, scenarios, weight)
 
 
