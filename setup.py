@@ -25,7 +25,7 @@ BELOW = ("agents", "experiments")
 DATA = {
     "impact_gym": ["robot/*.json", "robot/*.urdf", "task/sets/*.csv", "py.typed"],
     "agents": ["setups/*.toml", "tuned/*", "policies/*.npz", "export/*.jinja"],
-    "experiments": ["**/*.jinja", "**/*.js", "**/*.css", "**/*.toml", "**/*.yml", "**/*.json"],
+    "experiments": ["**/*.c", "**/*.jinja", "**/*.js", "**/*.css", "**/*.toml", "**/*.yml", "**/*.json"],
 }
 NAMED = re.compile(r"""((?:^|\n)\s*(?:from|import)\s+|["'])(agents|experiments)(?=[\s.:"'])""")
 

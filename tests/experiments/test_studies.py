@@ -24,17 +24,17 @@ from experiments.lab import study as lab_study
 from experiments.lab.parts import Picture, Section, Table
 from experiments.lab.statistics import Resamples
 from experiments.lab.study import Cell, Findings, Measurement, Study, StudyOptions, StudyRun, csv_of
-from experiments.studies import sensors, speed, stability, teleop
+from experiments.studies import sensors, stability, teleop
 from experiments.studies.sensors.ahead import LookAhead
 from experiments.studies.sensors.learning import USUAL, Inputs, ToldProfile
 from experiments.studies.solvers import approaches
-from experiments.studies.speed import rates
+from experiments.studies.speed import precision, rates
 from experiments.studies.stability import checks
 from impact_gym.envs.batch import Batch
 from impact_gym.support.sources import compiled_from
 from impact_gym.task import ObservationSpec, Task
 
-FIGURES = {"paper": 1, "speed": 0, "stability": 0, "teleop": 0, "sensors": 0, "speed of trainings": 0}
+FIGURES = {"paper": 1, "speed": 3, "stability": 0, "teleop": 0, "sensors": 0, "speed of trainings": 0}
 EVERY = [pytest.param(name, marks=pytest.mark.slow) if "training" in name else name for name in FIGURES]
 
 
@@ -153,7 +153,7 @@ PLAYED = {"weights": [sensors.WEIGHT], "scenarios": {"set": "test", "count": 40}
 TRAINED = Cell(SEEDED := {"inputs": "recurrent", "seed": 0, "steps": 1 << 15}, SEEDED | PLAYED)
 FEW = {
     "paper": {figure: [Cell({}, {})] for figure in ("figure_02", "figure_23")},
-    "speed": {"times": [next(speed.cells(True, {}))], "cost": None},
+    "speed": {"times": [next(precision.cells(True, {}))], "cost": None},
     "stability": {"scenes": [Cell({"scene": number}, {"number": number}) for number in range(9)],
                   "truth": [Cell({"scene": number}, {"number": seed}) for number, seed in ((2, -1), (5, 5))]},
     "teleop": {"episodes": [cell for cell in teleop.assisted(True, {})

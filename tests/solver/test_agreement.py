@@ -1,7 +1,7 @@
 """Random and hard approaches, by our solver and by experiments/reference, which shares no code with it.
 
 tests/helpers/reference_table.py says how the table is made. Hard approaches, and friction, also obey laws.
-tests/experiments/test_stability.py has the comparison with heyoka's Taylor series.
+tests/experiments/test_solvers.py has the comparison with heyoka's Taylor series.
 
 The scenes of the paper's figures have V_p that the independent solver computed once. The paper prints the speed of
 1 m/s, the detection, and each scene's masses, stiffnesses and restitution. We identified distance, acceleration and

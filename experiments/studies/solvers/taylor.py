@@ -7,14 +7,17 @@ keep their order at onset and separation. Flight is integrated in SI units, with
 """
 
 import math
-from functools import cache
+from functools import cache, partial
 from importlib import import_module
 from time import process_time
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 import impact_gym as ig
 from experiments.reference.laws import BistableForce, damping_factor
-from experiments.studies.solvers.approaches import Solution
+from experiments.studies.solvers.approaches import Approach, Solution
 
 LAW = ("m_t", "m_p", "k_c", "d", "k_t", "c_t", "L0", "H", "x0", "front", "rear", "k_s", "c_s")
 PARAMETERS = (*LAW, "a", "cut", "alarm", "length", "speed", "pressed", "front_on", "rear_on")
@@ -22,11 +25,15 @@ STATE = ("s", "w", "v", "tau", "y", "q")
 FOREVER = 1e6  # limit of sigma in a contact; every contact ends before this limit
 BESIDE = 1e-20  # absolute value of `s` after touch or separation, because heyoka could miss an event at exactly 0
 ROUNDING = 1e-12  # m, allowed rounding error of the slider's position
+LANES = 16  # contacts in a batch of heyoka; 8 and 32 take as long
 
 
 @cache
-def integrator(kind: str, touching: bool, tolerance: float, number: Any) -> tuple[Any, dict[int, str]]:
+def integrator(kind: str, touching: bool, tolerance: float, number: Any, lanes: int = 1) -> tuple[Any, dict[int, str]]:
     """Compile the equations for the coupling class `kind`; return heyoka's integrator and the names of its events.
+
+    With several `lanes`, heyoka integrates as many contacts at once. A further parameter, set to 0 at the end of a
+    contact, then stops its lane, because the end of one lane must not stop the others; peak and alarm are not sought.
 
     s is the square root of the penetration (in flight the penetration), w the rate of the penetration, v the object's
     velocity, tau the time since flight or contact began, y the tool's deflection from the flange and q the rate of y.
@@ -62,12 +69,54 @@ def integrator(kind: str, touching: bool, tolerance: float, number: Any) -> tupl
         events += [("alignment", both, x), ("front_on", rising, x - front), ("front_on", both, front_force)]
         events += [("rear_on", rising, rear - x), ("rear_on", both, rear_force)]
     derivatives = s_dot, w_dot, rate * unit * F / m_p, rate, y_dot, q_dot
+    if lanes > 1:
+
+        def happens(made: Any, _: int, lane: int, row: int) -> bool:
+            made.pars[row, lane] = 1.0 - made.pars[row, lane]
+            return True
+
+        rows = {"touching": len(PARAMETERS), "pressed": PARAMETERS.index("pressed")}
+        seen = [hy.t_event_batch(gauge, direction=direction, callback=partial(happens, row=rows[name]))
+                for name, direction, gauge in events if name in rows]  # fmt: skip
+        held = [(symbol, hy.par[len(PARAMETERS)] * each) for symbol, each in zip(symbols, derivatives, strict=True)]
+        return hy.taylor_adaptive_batch(held, np.zeros((len(STATE), lanes)), tol=tolerance, t_events=seen), {}
     made = hy.taylor_adaptive(
         [*zip(symbols, derivatives, strict=True)], [number(0.0)] * len(STATE), tol=number(tolerance), fp_type=number,
         t_events=[hy.t_event(gauge, direction=direction, fp_type=number) for _, direction, gauge in events],
     )  # fmt: skip
     names = {-1 - index: name for index, (name, _, _) in enumerate(events)}
     return made, names | {int(hy.taylor_outcome.time_limit): "cut"}
+
+
+def first_contacts(approach: Approach, masses: NDArray[np.float64], tolerance: float) -> tuple[Any, float]:
+    """Return the velocities (m/s) of objects of `masses` (kg) after their first contacts, and heyoka's time (s).
+
+    The contacts are those of `approach`, from the touch at constant speed, whose state impact_gym computes.
+    """
+    scene, motion, _ = approach
+    if not isinstance(scene.coupling, ig.SpringDamper):
+        raise NotImplementedError("only a spring and damper, whose contacts have no further events")
+    start, _, v, *_ = ig.simulate(*approach).contacts[0]
+    trace = ig.simulate(scene, motion, start, trace=True).trace
+    assert trace is not None
+    y, q = trace.tool_position[-1] - trace.command_position[-1], trace.tool_velocity[-1] - motion.speed
+    one, rows = TaylorApproach(*approach, tolerance), len(masses)
+    lengths = (scene.tool.mass * masses / (scene.tool.mass + masses) * v**2 / scene.contact.stiffness) ** 0.4
+    of = one.par | {"a": 0.0, "speed": v, "m_p": masses, "length": lengths, "alive": 1.0}
+    pars, states = (np.array([np.broadcast_to(each, rows) for each in every])
+                    for every in (of.values(), (BESIDE, 1.0, 0.0, 0.0, y / lengths, q / v)))  # fmt: skip
+    made, _ = integrator("SpringDamper", True, tolerance, float, LANES)
+    velocities, seconds = np.empty(rows), 0.0
+    for first in range(0, rows, LANES):
+        some = np.arange(first, first + LANES) % rows  # the last batch repeats the first contacts
+        begun = process_time()
+        made.set_time(0.0)
+        made.reset_cooldowns()
+        made.state[:], made.pars[:] = states[:, some], pars[:, some]
+        made.propagate_for(FOREVER)
+        seconds += process_time() - begun
+        velocities[some] = made.state[STATE.index("v")] * v
+    return velocities, seconds
 
 
 class TaylorApproach:
@@ -99,7 +148,7 @@ class TaylorApproach:
             self.par |= {"front": coupling.front_stop, "rear": coupling.rear_stop}
         # times (s) at which the commanded acceleration changes, and the new accelerations (m/s^2; nan: end of the run)
         self.changes = [(motion.speed / motion.acceleration, 0.0), (duration, math.nan)]
-        self.seconds = 0.0  # s, processor time of heyoka
+        self.seconds = [0.0, 0.0]  # s, processor time of heyoka in flight and in contacts
         self.peak, self.detection, self.passes = 0.0, math.nan, 0
 
     def solve(self) -> Solution:
@@ -132,7 +181,7 @@ class TaylorApproach:
             made.pars[:] = values
             event = events[int(made.propagate_for(longest)[0])]
             state = made.state.tolist()
-            self.seconds += process_time() - started
+            self.seconds[touching] += process_time() - started
             self._note(event, begun + unit * state[3], state, touching)
         return begun + unit * state[3], state
 
