@@ -5,6 +5,7 @@ import json
 import os
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from importlib.metadata import metadata, version
 from itertools import chain, repeat
@@ -21,7 +22,6 @@ from minari.data_collector.episode_buffer import EpisodeBuffer
 from minari.dataset.minari_dataset import parse_dataset_id
 from minari.namespace import create_namespace, list_local_namespaces
 from minari.storage import get_dataset_path
-from tqdm import tqdm
 from tyro.conf import FlagCreatePairsOff, Positional
 
 from agents.baselines import FIXED
@@ -32,7 +32,7 @@ from agents.setups.tuned import read_tuned
 from experiments.play import attempts
 from impact_gym.envs import IDS
 from impact_gym.parameters import Count, Index, Options
-from impact_gym.support.command_line import run_command
+from impact_gym.support.command_line import progress, run_command
 from impact_gym.support.files import UNFINISHED, parsed, reason, remove_unfinished, write_file
 from impact_gym.support.provenance import revision
 from impact_gym.support.sources import compiled_from
@@ -158,7 +158,7 @@ def of_setup(options: DatasetOptions) -> Iterator[Any]:
     env = setup.make(time_weight=setup.training.time_weight)
     for who, play in {who: players(who, setup) for who in options.who}.items():
         name = f"impact/{setup.name}/{who.rpartition(':')[2]}-v{options.version}"
-        seeds = tqdm(range(options.seed, options.seed + options.episodes), name, unit="episodes")
+        seeds = counted(name, range(options.seed, options.seed + options.episodes))
         about = f"{setup.title}: {setup.about}. Plays: {PLAYERS.get(who, who)}"
         yield write(name, env, (recorded(env, seed, {}, play) for seed in seeds), options, who, about)
 
@@ -170,7 +170,7 @@ def of_tries(options: DatasetOptions) -> Any:
     name = f"impact/{found[0].setup}/person-v{options.version}"
 
     def again() -> Iterator[EpisodeBuffer]:
-        for number, this in enumerate(tqdm(found, name, unit="episodes")):
+        for number, this in enumerate(counted(name, found)):
             record = {**this.record, "operator.recording": number + 0.5}
             done = recorded(env, this.seed, record, given(this.actions))
             if done.infos["done_time"][-1] != this.result["done_time"]:
@@ -179,6 +179,14 @@ def of_tries(options: DatasetOptions) -> Any:
 
     assists = ", ".join(sorted({this.assist for this in found}))
     return write(name, env, again(), options, assists, "persons steer, with assistance")
+
+
+def counted(title: str, items: Sequence[Any]) -> Iterator[Any]:
+    """Yield `items`, and show the progress."""
+    with closing(progress(title, len(items))) as bar:
+        for item in items:
+            yield item
+            bar.update()
 
 
 def given(actions: Sequence[Sequence[float]], *, then_zeros: bool = True) -> Players:
@@ -246,25 +254,20 @@ def check(name: str) -> int:
                 raise ValueError(f"its {space} is not that of its environment")
     except UNREADABLE as problem:
         raise ValueError(f"{name} cannot be loaded ({reason(problem)}): {other}") from problem
-    steps, abouts, episodes = (
-        0,
-        iter(dataset.storage.get_episode_metadata(range(dataset.total_episodes))),
-        iter(dataset),
-    )
-    with tqdm(total=dataset.total_episodes, desc=name, unit="episodes") as bar:
-        for number in range(dataset.total_episodes):
-            try:
-                begun, episode = next(abouts), next(episodes)
-                record = begun.get("options", {}).get("record", {})
-                done = recorded(env, begun["seed"], record, given(episode.actions, then_zeros=False))
-            except (*UNREADABLE, StopIteration) as problem:
-                why = "it has too few actions" if isinstance(problem, StopIteration) else reason(problem)
-                raise ValueError(f"{name}: episode {number} cannot be replayed ({why}): {other}") from problem
-            for what in ("actions", "observations", "rewards", "terminations", "truncations"):
-                if not np.array_equal(getattr(done, what), getattr(episode, what)):
-                    raise ValueError(f"{name}: {what} of episode {number} differ when replayed: {other}")
-            steps += len(done.rewards)
-            bar.update()
+    abouts, episodes = iter(dataset.storage.get_episode_metadata(range(dataset.total_episodes))), iter(dataset)
+    steps = 0
+    for number in counted(name, range(dataset.total_episodes)):
+        try:
+            begun, episode = next(abouts), next(episodes)
+            record = begun.get("options", {}).get("record", {})
+            done = recorded(env, begun["seed"], record, given(episode.actions, then_zeros=False))
+        except (*UNREADABLE, StopIteration) as problem:
+            why = "it has too few actions" if isinstance(problem, StopIteration) else reason(problem)
+            raise ValueError(f"{name}: episode {number} cannot be replayed ({why}): {other}") from problem
+        for what in ("actions", "observations", "rewards", "terminations", "truncations"):
+            if not np.array_equal(getattr(done, what), getattr(episode, what)):
+                raise ValueError(f"{name}: {what} of episode {number} differ when replayed: {other}")
+        steps += len(done.rewards)
     if steps != about.get("total_steps"):
         raise ValueError(f"{name} has {steps} steps, but its metadata say {shown(about.get('total_steps'))}")
     return int(dataset.total_episodes)

@@ -6,6 +6,7 @@ import os
 import shlex
 import sys
 import threading
+import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -131,8 +132,9 @@ def progress(title: str, total: int, begun: int = 0) -> "tqdm[Any]":
 
     On a terminal, the main process redraws the bar. Elsewhere, an update prints a line, at most every 30 s.
     """
-    from tqdm import tqdm
+    from tqdm import std, tqdm
 
+    std.time = time.monotonic  # the clock that tqdm takes can go back
     tqdm.set_lock(threading.RLock())  # tqdm's own lock leaks a semaphore when a worker is killed
     if sys.stderr.isatty() and multiprocessing.parent_process() is None:
         return tqdm(total=total, initial=begun, desc=title, smoothing=0.02)

@@ -229,6 +229,18 @@ def test_seeds_and_reset_mask_affect_only_their_slots():
     assert_identical(envs.reset()[0], loop.reset()[0])  # each slot goes on with its own generator
 
 
+def test_returns_that_gymnasium_records_are_those_of_the_episodes():
+    envs = gym.wrappers.vector.RecordEpisodeStatistics(gym.make_vec(ID, num_envs=4, autoreset_mode="SameStep"))
+    envs.reset(seed=0)
+    while True:
+        infos = envs.step(envs.action_space.sample())[-1]
+        if (ended := infos.get("_episode", np.zeros(4, bool))).any():
+            break
+    terms = infos["final_info"]["reward_terms"]
+    total = sum(terms[name][ended] for name in ("time", "velocity", "force", "missed"))
+    assert infos["episode"]["r"][ended] == pytest.approx(total, rel=1e-6)
+
+
 def test_set_scenario_applies_from_the_next_episode_on():
     stable, masses = ImpactVecEnv(2), []
     for scenario in ({"object_mass": 3.0}, {"object_mass": (4.0, 5.0)}, {}):

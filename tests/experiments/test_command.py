@@ -6,6 +6,7 @@ import shlex
 import subprocess
 import sys
 import warnings
+from contextlib import closing
 from errno import ENOSPC
 from importlib.metadata import version
 from pathlib import Path
@@ -25,7 +26,14 @@ from experiments.controller import copy_setup
 from experiments.lab.study import last_run
 from experiments.studies import QUESTIONS
 from experiments.studies.__main__ import StudyCommand
-from impact_gym.support.command_line import READER_ENDED, command_line, command_of, read_command
+from impact_gym.support.command_line import (
+    READER_ENDED,
+    command_line,
+    command_of,
+    progress,
+    read_command,
+    until_reader_ends,
+)
 
 pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning:runpy")  # of a module that was imported before it runs
 
@@ -68,13 +76,22 @@ def test_commands_are_listed_for_no_or_an_unknown_name(exit_of, capsys):
     *(f"experiments.command {words}" for words in ("--help", "check --help", "check linear-blind", "policies")),
     "experiments.report --help", "agents.train --help",
 ])  # fmt: skip
-def test_command_ends_quietly_with_its_reader(words):
+def test_command_ends_quietly_with_its_reader(words, monkeypatch):
     reader, writer = os.pipe()
     os.close(reader)
     line = [sys.executable, "-m", *words.split()]
     with os.fdopen(writer, "wb") as closed:
         ended = subprocess.run(line, stdout=closed, stderr=subprocess.PIPE, cwd=Path(__file__).parents[2], check=False)
     assert (ended.returncode, ended.stderr) == (READER_ENDED, b"")
+    monkeypatch.setattr(sys, "stdout", None)  # as Python sets it if standard output is closed
+    with until_reader_ends():
+        pass
+
+
+def test_progress_has_a_clock_that_never_goes_back(monkeypatch):
+    monkeypatch.setattr("tqdm.std.time", iter([9.0, 8.0] * 9).__next__)
+    with closing(progress("a", 2)) as bar:
+        assert bar.format_dict["elapsed"] >= 0.0
 
 
 def test_study_lists_studies_and_refuses_unknown_names(exit_of, capsys, tmp_path, monkeypatch):
