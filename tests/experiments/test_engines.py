@@ -18,7 +18,7 @@ from experiments.studies.engines.drive import Variant, drive, measured
 
 CASES = cases.read()
 MADE_UP, PACKAGE = "tests.experiments.test_engines", "numpy"
-FAULTS = {"crashes": "process was lost", "hangs": "no answer within 5 s", "says nan": "not finite",
+FAULTS = {"hangs": "no answer within 1 s", "crashes": "process was lost", "says nan": "not finite",
           "makes momentum": "", "honest": "", "missing": "not installed: pip install numpy"}  # fmt: skip
 VARIANTS = {fault: Variant("e", options={"fault": fault}) for fault in FAULTS}
 
@@ -91,16 +91,17 @@ def test_faults_of_an_engine_are_rows(tmp_path):
     installed = {fault: "" if fault == "missing" else "1" for fault in FAULTS}
     cells = [Cell(each, {**shared, "variant": fault, "installed": installed[fault]})
              for fault, each in zip(FAULTS, labels, strict=True)]  # fmt: skip
-    made_up = replace(engines.measurement(MADE_UP), cells=lambda *_: cells, seconds=5.0)
-    run = StudyRun(replace(engines.STUDY, measurements=[made_up]), StudyOptions(tmp_path / "out", processes=2))
-    rows = {row["variant"]: row for row in run[MADE_UP].to_dicts()}
+    made_up = [replace(engines.measurement(MADE_UP), name=name, cells=lambda *_, own=own: own, seconds=seconds)
+               for name, own, seconds in ((MADE_UP, cells[1:], 3600.0), ("hanging", cells[:1], 1.0))]  # fmt: skip
+    run = StudyRun(replace(engines.STUDY, measurements=made_up), StudyOptions(tmp_path / "out", processes=2))
+    rows = {row["variant"]: row for each in made_up for row in run[each.name].to_dicts()}
     for fault, said in FAULTS.items():
         assert said in (rows[fault]["failure"] or "")
         assert bool(said) == bool(rows[fault]["failure"])
     for fault, momentum_error in (("makes momentum", 0.01), ("honest", 0.0)):
         assert rows[fault]["momentum_error"] == pytest.approx(momentum_error, abs=1e-12)
     assert (rows["honest"]["delivered"], rows["honest"]["off"]) == pytest.approx((0.5, 0.0), abs=1e-12)
-    table = engines.compared(engines.rows_of(run)).rows
+    table = engines.compared(engines.rows_of({MADE_UP: run[MADE_UP]})).rows
     assert FAULTS["crashes"] in table[0][3]
     assert [row[0] for row in table if "above 1e-6" in row[-1]] == ["numpy, makes momentum"]
 
