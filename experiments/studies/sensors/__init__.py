@@ -13,7 +13,7 @@ from experiments.studies import QUESTIONS
 from experiments.studies.sensors.learning import INPUTS, RIVALS, learn, rival
 from impact_gym.sensors import PRESETS
 
-STEPS, SLOW = 3_000_000, {"recurrent": 1_500_000}  # of a training; RecurrentPPO takes five times as long for a step
+STEPS, SLOW = 3_000_000, {"recurrent": 1_500_000}  # of a training; RecurrentPPO takes six times as long for a step
 SEEDS, MORE = 3, {"filter": 10, "profile": 10}  # trainings; more with the two best inputs
 WEIGHT = 2.0  # m/s per s, of the comparison with networks
 AHEAD = "looking ahead"  # at each control step, as `ahead` says
@@ -117,7 +117,7 @@ def compared(frames: Frames, resamples: Resamples) -> tuple[Table, str]:
 PLAYED = (*grid.PLAYED, "agents.setups")
 MEASURED = (
     Measurement("episodes", played, grid.play, PLAYED),
-    Measurement("rivals", rivals, rival, PLAYED),
+    Measurement("rivals", rivals, rival, (*PLAYED, "experiments.studies.sensors.ahead")),
     Measurement("networks", networks, learn, (*PLAYED, "agents.train")),
 )
 STUDY = Study("sensors", QUESTIONS["sensors"], MEASURED, analyse, ("torch", "stable-baselines3", "sb3-contrib"))
