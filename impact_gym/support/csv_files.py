@@ -107,8 +107,9 @@ def _table(text: str, wanted: Mapping[str, Column], unnamed: Sequence[str]) -> T
         return shown(_split([*rows.values()][k], layout.separator)[sources[name][0]])
 
     for name, column in numbers_of.items():
-        allowed = "finite" if not wanted[name].may_be_empty else "at least 0, or empty if there is none"
-        for k in np.flatnonzero(column < 0.0 if wanted[name].may_be_empty else np.isinf(column)).tolist():
+        lost = wanted[name].may_be_empty  # then inf is a loss, too
+        for k in np.flatnonzero(column < 0.0 if lost else np.isinf(column)).tolist():
+            allowed = "at least 0, or empty if there is none" if lost else "finite"
             raise ValueError(f"line {[*rows][k]}: {name} must be {allowed}, got {written(k, name)}")
     for k in np.flatnonzero(np.diff(numbers_of[unnamed[0]]) <= 0.0).tolist():
         at, (before, after) = [*rows][k : k + 2], (written(k + more, unnamed[0]) for more in (0, 1))
