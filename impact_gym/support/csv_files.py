@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_gym.support.column_names import SCALES, Column, Meaning, meaning_of, mentions, scale_of
+from impact_gym.support.column_names import SCALES, Column, Meaning, meaning_of, mentions_units, scale_of
 from impact_gym.support.files import parsed
 from impact_gym.support.validation import shown
 
@@ -211,7 +211,7 @@ def _sources(
     above = lines[between[0]] if between and not heads else ""
     words, dates = _split(above, layout.separator), "" if layout.separator else _date_hint(lines[layout.first])
     known = layout.separator or len(words) == layout.least or any(meaning_of(w, wanted).name for w in words)
-    if (len(words) > 1 and known) or mentions(above, wanted) > 1:
+    if (len(words) > 1 and known) or mentions_units(above, wanted):
         raise ValueError(f"line {between[0] + 1} must name the {layout.least} or more columns below it, "
                          f"with known names ({allowed}), got {shown(above)}"
                          + (dates or ": are commas also decimal signs?" * (layout.separator == ",")))  # fmt: skip
