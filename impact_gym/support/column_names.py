@@ -64,9 +64,12 @@ def meaning_of(head: str, wanted: Mapping[str, Column]) -> Meaning:
     return Meaning()
 
 
-def mentions(text: str, wanted: Mapping[str, Column]) -> int:
-    """Return how many of the wanted columns the first LONGEST_NAME characters of a text name, as words."""
-    return sum(bool(re.search(rf"\b({column.names})\b", _plain(text[:LONGEST_NAME]))) for column in wanted.values())
+def mentions_units(text: str, wanted: Mapping[str, Column]) -> bool:
+    """Return whether the beginning of a text names two wanted columns and a unit of one that is no SI unit."""
+    text = text[:LONGEST_NAME]
+    named = [column for column in wanted.values() if re.search(rf"\b({column.names})\b", _plain(text))]
+    scales = {scale_of(column.unit, word) for column in named for word in re.findall(r"[^\W_]+", text)}
+    return len(named) > 1 and bool(scales - {None, 1.0})
 
 
 def _plain(name: str) -> str:

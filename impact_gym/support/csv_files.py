@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_gym.support.column_names import SCALES, Column, Meaning, meaning_of, mentions, scale_of
+from impact_gym.support.column_names import SCALES, Column, Meaning, meaning_of, mentions_units, scale_of
 from impact_gym.support.files import parsed
 from impact_gym.support.validation import shown
 
@@ -107,9 +107,9 @@ def _table(text: str, wanted: Mapping[str, Column], unnamed: Sequence[str]) -> T
         return shown(_split([*rows.values()][k], layout.separator)[sources[name][0]])
 
     for name, column in numbers_of.items():
-        unit = wanted[name].unit
-        allowed = f"finite {unit}" if not wanted[name].may_be_empty else f"at least 0 {unit}, or empty if there is none"
-        for k in np.flatnonzero(column < 0.0 if wanted[name].may_be_empty else np.isinf(column)).tolist():
+        lost, unit = wanted[name].may_be_empty, wanted[name].unit  # lost: inf is a loss, too
+        for k in np.flatnonzero(column < 0.0 if lost else np.isinf(column)).tolist():
+            allowed = f"at least 0 {unit}, or empty if there is none" if lost else f"finite {unit}"
             raise ValueError(f"line {[*rows][k]}: {name} must be {allowed}, got {written(k, name)}")
     for k in np.flatnonzero(np.diff(numbers_of[unnamed[0]]) <= 0.0).tolist():
         at, (before, after) = [*rows][k : k + 2], (written(k + more, unnamed[0]) for more in (0, 1))
@@ -211,7 +211,7 @@ def _sources(
     above = lines[between[0]] if between and not heads else ""
     words, dates = _split(above, layout.separator), "" if layout.separator else _date_hint(lines[layout.first])
     known = layout.separator or len(words) == layout.least or any(meaning_of(w, wanted).name for w in words)
-    if (len(words) > 1 and known) or mentions(above, wanted) > 1:
+    if (len(words) > 1 and known) or mentions_units(above, wanted):
         raise ValueError(f"line {between[0] + 1} must name the {layout.least} or more columns below it, "
                          f"with known names ({allowed}), got {shown(above)}"
                          + (dates or ": are commas also decimal signs?" * (layout.separator == ",")))  # fmt: skip

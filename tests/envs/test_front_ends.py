@@ -231,12 +231,10 @@ def test_seeds_and_reset_mask_affect_only_their_slots():
 
 def test_returns_that_gymnasium_records_are_those_of_the_episodes():
     envs = gym.wrappers.vector.RecordEpisodeStatistics(gym.make_vec(ID, num_envs=4, autoreset_mode="SameStep"))
-    envs.reset(seed=0)
-    while True:
+    infos = envs.reset(seed=0)[1]
+    while "_episode" not in infos:
         infos = envs.step(envs.action_space.sample())[-1]
-        if (ended := infos.get("_episode", np.zeros(4, bool))).any():
-            break
-    terms = infos["final_info"]["reward_terms"]
+    terms, ended = infos["final_info"]["reward_terms"], infos["_episode"]
     total = sum(terms[name][ended] for name in ("time", "velocity", "force", "missed"))
     assert infos["episode"]["r"][ended] == pytest.approx(total, rel=1e-6)
 

@@ -171,7 +171,6 @@ def test_check_imports_nothing_that_a_dataset_names(rule, tmp_path, monkeypatch,
 
 def test_bad_options_are_refused_and_own_set_ups_played(tmp_path):
     refused(lambda: make(who=("nobody",)), "who must be one of rule, profile, policy")
-    refused(lambda: make(who=("rule", "rule")), "who must have no equal entries")
     path = tmp_path / "mine.toml"
     path.write_text(tomli_w.dumps({"environment": {"coupling": {"type": "SpringDamper", "stiffness": 80.0}}}))
     refused(lambda: make(path, who=("policy",)), "mine")
