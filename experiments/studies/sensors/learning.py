@@ -139,13 +139,13 @@ def trained(name: str, seed: int, steps: int) -> Controller:
     more = inputs.see(environments.reset(), None, np.ones(TRAINING.envs, np.bool_))[0].shape[1]
     actor, known, layers = len(inputs.spec) + more, torch.ones(len(centre) + more), [TRAINING.width] * TRAINING.depth
     known[actor:] = 0.0
-    network: dict[str, Any] = {
+    memory = {"lstm_hidden_size": TRAINING.width, "enable_critic_lstm": False, "share_features_extractor": False}
+    recurrent = {"net_arch": {"pi": layers[1:], "vf": layers}, **memory}
+    network = {
         "activation_fn": ACTIVATIONS[TRAINING.activation], "optimizer_kwargs": {"eps": 1e-5, "fused": True},
         "log_std_init": -2.0 if name == "profile" else TRAINING.log_std,
+        **(recurrent if remembers else {"net_arch": layers, "actor_inputs": actor}),
     }  # fmt: skip
-    memory = {"lstm_hidden_size": TRAINING.width, "enable_critic_lstm": False, "share_features_extractor": False}
-    network |= {"net_arch": {"pi": layers[1:], "vf": layers}, **memory} if remembers else {"net_arch": layers}
-    network |= {} if remembers else {"actor_inputs": actor}
     algorithm: Any = RecurrentPPO if remembers else PPO
     model = algorithm(
         "MlpLstmPolicy" if remembers else AsymmetricPolicy,
@@ -167,10 +167,7 @@ def learn(inputs: str, seed: int, steps: int, scenarios: Mapping[str, Any], weig
 
 
 def rival(rival: str, weight: float, tuning: int, generations: int, scenarios: Mapping[str, Any]) -> pl.DataFrame:
-    """Tune one of RIVALS in `tuning` scenarios, from the shipped profile on; return the rows of `rows_of`.
-
-    Without `generations`, the rival has the parameters of the shipped profile.
-    """
+    """Tune one of RIVALS in `tuning` scenarios, from the shipped parameters on; return the rows of `rows_of`."""
     kind, shipped = RIVALS[rival], tuned_rule(read_tuned("sensed-robust-profile")).at(weight).parameters
     task = SETUP.task.changed({"privileged": "privileged" in kind.NEEDS})
     options: Any = {"time_weight": [weight] * POPULATION, "copies": POPULATION, "threads": 1, "lenient": True}
