@@ -244,6 +244,7 @@ def check(name: str) -> int:
         raise ValueError(f"the metadata of {name} must be an object, got {shown(about)}")
     packages = listed if isinstance(listed := about.get("requirements"), list) else ["?"]
     made = f"the dataset was made with {', '.join(map(str, packages))}, solver {about.get('solver', '?')}"
+    made = " ".join(made.split())[:300]
     other = f"{made}; installed are impact-gym {version('impact-gym')}, solver {compiled_from()}"
     try:
         refuse_foreign_content(folder, about)

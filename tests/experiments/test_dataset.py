@@ -129,7 +129,8 @@ SPOILED = {  # words of the refusal, and what changed metadata or data
     "it has 5 episodes, but its metadata say 1000000000": lambda about, _: about.update(total_episodes=10**9),
     "total_episodes must be a whole number of at least 1, got -1": lambda about, _: about.update(total_episodes=-1),
     "steps, but its metadata say -5": lambda about, _: about.update(total_steps=-5),
-    "cannot be loaded (AssertionError)": lambda about, _: about.update(minari_version=3),
+    "cannot be loaded (AssertionError): the dataset was made with a b": lambda about, _: about.update(
+        minari_version=3, requirements=["a\nb" + 9999 * "c"]),
     "it has no 'total_episodes'": lambda about, _: about.pop("total_episodes"),
     "its data must be in HDF5": lambda about, _: about.update(data_format="arrow"),
     "its observation_space is not": lambda about, _: about.update(observation_space=about["action_space"]),
