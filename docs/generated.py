@@ -251,6 +251,15 @@ def engines(axes: Any, over_time: bool) -> None:
     axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 
+def work_precision(name: str) -> bytes:
+    """Return a work-precision picture of the study `speed`."""
+    from experiments.studies.speed import precision
+
+    times = pl.read_csv(results.FOLDER / "speed-precision.csv", comment_prefix="#", infer_schema_length=None)
+    precision.draw(figure := Figure(figsize=(9.0, 5.2), layout="constrained"), times, name)
+    return svg(figure)
+
+
 def contact() -> bytes:
     """Return a picture (PNG) of the first contact in an episode with the paper's rule."""
     env = gym.make("ImpactApproach-v0", render_mode="rgb_array")
@@ -286,6 +295,8 @@ PICTURES: dict[str, Callable[[], bytes]] = {
     "engines_restitution.svg": partial(drawn, partial(engines, over_time=False), 3.6),
     "engines_error.svg": partial(drawn, partial(engines, over_time=True), 3.6),
     "identified.svg": identified, "contact.png": contact,
+    **{f"speed_{name}.svg": partial(work_precision, f"speed_{name}")
+       for name in ("approaches", "contacts", "trajectories")},
 }  # fmt: skip
 
 if __name__ == "__main__":
