@@ -269,6 +269,15 @@ def stock(axes: Any) -> None:
     axes.legend(fontsize=9, ncols=2)
 
 
+def work_precision(name: str) -> bytes:
+    """Return a work-precision picture of the study `speed`."""
+    from experiments.studies.speed import precision
+
+    times = pl.read_csv(results.FOLDER / "speed-precision.csv", comment_prefix="#", infer_schema_length=None)
+    precision.draw(figure := Figure(figsize=(9.0, 5.2), layout="constrained"), times, name)
+    return svg(figure)
+
+
 TEXTS = {text.__name__: text for text in (environment, ids, setups, materials, laws)}
 
 
@@ -290,6 +299,8 @@ PICTURES: dict[str, Callable[[], bytes]] = {
     "engines_restitution.svg": partial(drawn, partial(engines, over_time=False), 3.6),
     "engines_error.svg": partial(drawn, partial(engines, over_time=True), 3.6),
     "identified.svg": identified,
+    **{f"speed_{name}.svg": partial(work_precision, f"speed_{name}")
+       for name in ("approaches", "contacts", "trajectories")},
 }  # fmt: skip
 
 if __name__ == "__main__":
