@@ -104,7 +104,9 @@ def about_times(times: pl.DataFrame) -> tuple[str, list[Section]]:
     shown = [solver for solver in SOLVERS if solver != LANES]
     for scene, error in product(named(), SHOWN):
         found = [least(times, ERRORS[error]).get((scene, APPROACH, solver)) for solver in shown]
-        lines.append([f"{scene}, {error}", *("-" if each is None else f"{each:,.3g}" for each in found)])
+        lines.append(
+            [f"{scene}, {error}", *("-" if each is None else f"{float(f'{each:.3g}'):,.15g}" for each in found)]
+        )
     plain = times.filter(pl.col("microseconds").is_not_null(), solver=PLAIN, what=APPROACH)
     wrong = plain.filter(pl.col("miscounted") > 0)["miscounted"]
     missed = f"with {len(wrong)} of {len(plain)} settings, up to {wrong.max() or 0} of {comparison.ROWS:,} approaches"
