@@ -41,7 +41,8 @@ class Work(NamedTuple):
 
     def part(self, rows: slice) -> "Work":
         """Return some of the approaches."""
-        return Work(self.approach, *(None if each is None else each[rows] for each in self[1:]))
+        starts = None if self.starts is None else self.starts[rows]
+        return Work(self.approach, self.masses[rows], self.durations[rows], starts)
 
     def rows(self) -> list[Approach]:
         """Return the approaches one by one."""

@@ -102,7 +102,7 @@ def first_contacts(approach: Approach, masses: NDArray[np.float64], tolerance: f
     y, q = trace.tool_position[-1] - trace.command_position[-1], trace.tool_velocity[-1] - motion.speed
     one, rows = TaylorApproach(*approach, tolerance), len(masses)
     lengths = (scene.tool.mass * masses / (scene.tool.mass + masses) * v**2 / scene.contact.stiffness) ** 0.4
-    of = one.par | {"a": 0.0, "speed": v, "m_p": masses, "length": lengths, "alive": 1.0}
+    of: dict[str, Any] = {**one.par, "a": 0.0, "speed": v, "m_p": masses, "length": lengths, "alive": 1.0}
     pars, states = (np.array([np.broadcast_to(each, rows) for each in every])
                     for every in (of.values(), (BESIDE, 1.0, 0.0, 0.0, y / lengths, q / v)))  # fmt: skip
     made, _ = integrator("SpringDamper", True, tolerance, float, LANES)

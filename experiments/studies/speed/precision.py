@@ -109,7 +109,9 @@ def about_times(times: pl.DataFrame) -> tuple[str, list[Section]]:
         )
     plain = times.filter(pl.col("microseconds").is_not_null(), solver=PLAIN, what=APPROACH)
     wrong = plain.filter(pl.col("miscounted") > 0)["miscounted"]
-    missed = f"with {len(wrong)} of {len(plain)} settings, up to {wrong.max() or 0} of {comparison.ROWS:,} approaches"
+    missed = (
+        f"with {len(wrong)} of {len(plain)} settings, up to {max(wrong, default=0)} of {comparison.ROWS:,} approaches"
+    )
     every = pl.concat([fronts(times, error) for error in ("velocity_error", "path_error")]).unique(maintain_order=True)
     rows = [["" if cell is None else f"{cell:.4g}" if isinstance(cell, float) else str(cell) for cell in row]
             for row in every.select(COLUMNS).sort("scene", "what", "solver", "microseconds").iter_rows()]  # fmt: skip
