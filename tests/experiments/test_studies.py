@@ -15,9 +15,6 @@ from matplotlib.figure import Figure
 from refusal import refused
 
 from agents import jobs
-from agents.baselines.rule import View
-from agents.evaluate.scenario_batch import ScenarioBatch
-from agents.setups import load_baseline
 from experiments import studies
 from experiments.lab import results
 from experiments.lab import study as lab_study
@@ -25,14 +22,10 @@ from experiments.lab.parts import Picture, Section, Table
 from experiments.lab.statistics import Resamples
 from experiments.lab.study import Cell, Findings, Measurement, Study, StudyOptions, StudyRun, csv_of
 from experiments.studies import sensors, stability, teleop
-from experiments.studies.sensors.ahead import LookAhead
-from experiments.studies.sensors.learning import USUAL, Inputs, ToldProfile
 from experiments.studies.solvers import approaches
 from experiments.studies.speed import precision, rates
 from experiments.studies.stability import checks
-from impact_gym.envs.batch import Batch
 from impact_gym.support.sources import compiled_from
-from impact_gym.task import ObservationSpec, Task
 
 FIGURES = {"paper": 1, "speed": 3, "stability": 0, "teleop": 0, "sensors": 0, "speed of trainings": 0}
 EVERY = [pytest.param(name, marks=pytest.mark.slow) if "training" in name else name for name in FIGURES]
@@ -252,40 +245,9 @@ def test_learning_is_compared_with_filter_and_profile(small):
         assert float(less) == pytest.approx(100.0 * (1.0 - costs[name] / ours), abs=0.2)
     played = run["networks"].filter(inputs="profile", weight=sensors.WEIGHT)["cost"].mean()
     assert played == pytest.approx(ours, rel=0.02)  # before a training, the network adds nearly nothing
-    assert ("does not gain" in answer) == (max(value for name, value in costs.items() if "PPO" in name) > ours)
-
-
-def test_told_filter_finds_the_place_of_the_object():
-    task = Task(range_sensor={"bias": (-0.02, 0.02), "scale": (-0.13, 0.13)}, privileged=True)
-    batch, kind, state = Batch(100, task), ToldProfile, None
-    rule = kind([parameter.start for parameter in kind.PARAMETERS]).for_task(task)
-    batch.begin_seeded(0, {})
-    for _ in range(10):
-        batch.step(np.tile([0.0, 0.2], (100, 1)), np.zeros(100, bool))
-        view, state = rule.see(View(batch.observations, ObservationSpec(task)), state, None)
-    error = view["distance_estimate"] + batch.sensors()["position"] - batch.info()["scenario"]["distance"]
-    assert np.abs(error).max() < 0.003  # the swing of the tool, as the filter predicts it, has an error of up to 2 mm
-
-
-def test_prediction_of_the_cost_agrees_with_episodes():
-    shipped = load_baseline("sensed-robust-profile", 2.0)
-    task = shipped.task.changed({"time_weight": 2.0})
-    played, rule = ScenarioBatch(0, 500, task).play(shipped), LookAhead.of(shipped.parameters).for_task(task)
-    (batch := Batch(500, task)).begin_seeded(0, {})
-    view, _ = rule.see(View(batch.observations, rule.spec), None, None)
-    predicted = rule.predicted(view)[:, 0].mean()  # before the first step, without a shift
-    assert predicted == pytest.approx(played.loss(2.0).mean(), rel=0.05)
-
-
-def test_network_observes_the_last_eight_readings():
-    inputs, state = Inputs("readings"), None
-    seen = np.random.default_rng(0).uniform(-1.0, 1.0, (10, 3, len(inputs.spec)))
-    for step, observations in enumerate(seen):
-        numbers, _, state = inputs.see(observations, state, np.full(3, step == 0) | (np.arange(3) == 1) & (step == 4))
-    ranges, places = (View(seen, inputs.spec)[name] for name in ("range", "position"))
-    for row, steps in ((0, range(9, 1, -1)), (1, [9, 8, 7, 6, 5, 4, 4, 4])):  # episode 1 began anew at step 4
-        moved = places[9, row] - places[steps[1:], row]
-        assert numbers[row] == pytest.approx(np.array([*ranges[steps, row], *moved]) / USUAL[0])
+    best = min((row for row in table.rows if "PPO" in row[0]), key=lambda row: costs[row[0]])
+    low = float(best[2].partition("[")[2].partition(",")[0])  # of the interval of how much less it costs, %
+    assert ("does not gain" in answer) == (low <= 0.0)
 
 
 def test_rate_counts_every_step_of_the_calls_made():
