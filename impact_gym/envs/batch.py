@@ -259,7 +259,8 @@ class Batch:
 
     def step_infos(self) -> list[dict[str, Any]]:
         """Return the entries of `step_columns` for each row, as Python values and arrays (1,)."""
-        columns = self.step_columns()
+        if not (columns := self.step_columns()):
+            return [{} for _ in range(self.size)]
         lists = {name: list(column) if column.ndim > 1 else column.tolist() for name, column in columns.items()}
         return [{name: values[row] for name, values in lists.items()} for row in range(self.size)]
 
