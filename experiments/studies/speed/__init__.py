@@ -6,7 +6,7 @@ Times at an error are compared as in the work-precision diagrams of SciMLBenchma
 from experiments.lab.study import SOLVER, Cell, Findings, Frames, Measurement, Study
 from experiments.studies import QUESTIONS
 from experiments.studies.solvers import comparison
-from experiments.studies.speed import precision, rates
+from experiments.studies.speed import precision, rates, trainings
 
 LONGEST = 3600.0  # s, time limit of a cell, on a machine with much other work; alone, a cell takes a minute
 
@@ -15,6 +15,7 @@ def analyse(frames: Frames, quick: bool) -> Findings:
     """Return the sections of the tables that were measured."""
     found = [precision.about_times(frames["times"])] if "times" in frames else []
     found += [rates.about(name, frames[name]) for name in rates.TABLES if name in frames]
+    found += [trainings.about(frames["trainings"])] if "trainings" in frames else []
     return Findings(" ".join(answer for answer, _ in found), [each for _, sections in found for each in sections])
 
 
@@ -35,6 +36,8 @@ STUDY = Study(
             "rates", lambda quick, _: [Cell({"set-up": name}, {"name": name, "quick": quick}) for name in rates.SETUPS],
             rates.three_rates, ("impact_gym", "agents"), processes=0,
         ),
+        Measurement("trainings", trainings.cells, trainings.trained, ("impact_gym", "agents"), seconds=LONGEST,
+                    processes=1),
     ),
     analyse=analyse,
     packages=("gymnasium", "torch", "stable-baselines3"),
