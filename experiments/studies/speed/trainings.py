@@ -40,7 +40,13 @@ def cells(quick: bool, _: Frames) -> Iterator[Cell]:
     for seed in range(1 if quick else max(SEEDS)):
         for idea, changes in IDEAS.items():
             if seed < SEEDS[idea not in MANY]:
-                yield Cell({"idea": idea}, {"changes": changes | ({"steps": 50_000} if quick else {}), "seed": seed})
+                yield Cell(
+                    {"idea": idea},
+                    {
+                        "changes": changes | ({"steps": 50_000, "imitation_steps": 10_000} if quick else {}),
+                        "seed": seed,
+                    },
+                )
 
 
 def trained(changes: dict[str, Any], seed: int) -> list[Row]:
