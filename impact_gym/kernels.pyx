@@ -7,8 +7,8 @@ Functions that Python calls do not check shapes and data types of arrays.
 from cpython.buffer cimport PyBUF_SIMPLE, PyBuffer_Release, PyObject_GetBuffer
 from cpython.pycapsule cimport PyCapsule_GetPointer
 from libc.math cimport (
-    INFINITY, M_PI, NAN, acos, acosh, atan2, atanh, ceil, copysign, cos, exp, expf, expm1, fabs, floor, fmod, hypot,
-    isfinite, isinf, isnan, log, log1p, logf, pow, rint, sin, sqrt,
+    INFINITY, M_PI, NAN, acos, acosh, atan2, atanh, cbrt, ceil, copysign, cos, exp, expf, expm1, fabs, floor, fmod,
+    hypot, isfinite, isinf, isnan, log, log1p, logf, pow, rint, sin, sqrt,
 )
 from libc.stdint cimport int64_t, uint8_t, uint32_t, uint64_t, uintptr_t
 from libc.string cimport memcpy, memset
