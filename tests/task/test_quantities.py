@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from episode_runs import ID
 from random_tasks import EVERYTHING_DRAWN, STEERED_DRAWN
+from reference_task import scaled
 from refusal import Allowed, check_number, refused
 from scipy.stats import kstest
 
@@ -131,13 +132,6 @@ def test_numbers_are_drawn_evenly_and_independently():
         correlation = np.corrcoef([*uniform.values()]) - np.eye(len(uniform))
         assert np.abs(correlation).max() < 5 / math.sqrt(EPISODES)
     assert {row.id for row in QUANTITIES.values() if row.draw} == here
-
-
-def scaled(scale, value):
-    """The observation of a number by the table."""
-    curve = {"linear": np.asarray, "log": np.log, "log1p": np.log1p}[scale.curve]
-    share = (curve(value) - curve(scale.low)) / (curve(scale.high) - curve(scale.low))
-    return np.clip(scale.scaled_low + (1.0 - scale.scaled_low) * share, scale.scaled_low, 1.0)
 
 
 @pytest.mark.parametrize("arguments", ALL_DRAWN.values(), ids=list(ALL_DRAWN))
