@@ -82,13 +82,10 @@ def read_at(x, xs, ys):
     return np.interp(x, *np.array(sorted(zip(xs, ys, strict=True))).T)
 
 
-def cost(rows):
-    return rows["object_velocity"] + rows["weight"] * rows["approach_time"] + 2.0 * rows["missed"]
-
-
 def at_two(rows):
     """Return the costs (scenarios,) at a time weight of 2 m/s per s."""
-    return cost(rows)[rows["weight"] == 2.0]
+    costs = rows["object_velocity"] + rows["weight"] * rows["approach_time"] + 2.0 * rows["missed"]
+    return costs[rows["weight"] == 2.0]
 
 
 def numbers(episodes, chosen, scenarios=slice(None), seeds=SEEDS):
