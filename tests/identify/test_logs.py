@@ -7,10 +7,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from recorded_hits import FORCE, MOTION, NOISE, SCENE, TIME, log, put, scene, truths
+from recorded_hits import FORCE, NOISE, SCENE, TIME, log, put, truths
 from refusal import refused
 from scipy.optimize import brentq
 from scipy.stats import chi2, f, norm
+from solver_scenes import MOTION, SPRING, scene
 
 import impact_gym as ig
 from impact_gym.identification.log import Log, read
@@ -216,7 +217,7 @@ def test_wide_interval_and_correlation_are_said_at_a_border(name, most):
 
 
 def test_misfit_is_a_warning_and_no_interval_is_claimed():
-    good = log(truth := scene(1e5, 0.4))
+    good = log(truth := scene(1e5, 0.4, SPRING))
     hum = 3.0 * np.sin(2.0 * np.pi * 300.0 * good["time"])
     with pytest.warns(UserWarning, match="force.* not white") as said:
         fit = ig.identify(good | {"force": good["force"] + hum}, truth, MOTION, ("object.mass",))
