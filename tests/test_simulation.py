@@ -166,9 +166,8 @@ def extreme_cases(draw):
     for path in draw(st.lists(st.sampled_from(free), min_size=1, max_size=5, unique=True)):
         low, high = max(BY_PATH[path].limits.at_least, 1e-12), BY_PATH[path].limits.at_most
         between = st.floats(math.log(low), math.log(high)).map(lambda power: float(math.exp(power)))
-        records = dotted_paths.replaced(
-            records, {path: min(max(draw(st.sampled_from([low, high]) | between), low), high)}
-        )
+        number = min(max(draw(st.sampled_from([low, high]) | between), low), high)
+        records = dotted_paths.replaced(records, {path: number})
     motion, distance = records.pop("motion"), records["object"].distance
     there = distance / motion.speed + math.sqrt(2 * distance / motion.acceleration)
     return ig.Scene(**records), motion, min(2.0 * there + 1.0, 1e12)

@@ -112,10 +112,9 @@ def test_bad_input_is_refused_in_one_line(tmp_path):
     run = StudyRun(engines.STUDY, StudyOptions(tmp_path / "out", only=("odie",)))
     refused(run.measure, "only: no table 'odie' in the study engines", "mujoco")
     refused(partial(drive, CASES["slow"], ours.build, 0.0), "step must be finite and above 0 s", "0.0")
+    read = partial(cases.read, tmp_path / "bad.json")
     for field, value in (("stiffness", None), ("answers", None), ("speed", -1.0)):
         bad = json.loads(cases.SHIPPED.read_text())
         bad["cases"][3].pop(field) if value is None else bad["cases"][3].update({field: value})
         (tmp_path / "bad.json").write_text(json.dumps(bad))
-        refused(
-            partial(cases.read, tmp_path / "bad.json"), "bad.json cannot be read as cases", "restitution-0.5", field
-        )
+        refused(read, "bad.json cannot be read as cases", "restitution-0.5", field)

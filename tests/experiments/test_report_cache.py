@@ -118,9 +118,8 @@ def test_recommended_controller_is_exported_for_the_users_arm(mine, tmp_path):
         (PAPER, "paper-trapezoid"), ("mine-profile", out / "tuned" / "mine-profile.json"),
         ("seed-1", out / "policies" / "mine.npz"), ("local-brake", "local-brake"),
     ):  # fmt: skip
-        (out / "report" / "results.json").write_text(
-            json.dumps({"runs": [{"numbers": {"choices": {"mine": {"controller": best}}}}]})
-        )
+        numbers = {"choices": {"mine": {"controller": best}}}
+        (out / "report" / "results.json").write_text(json.dumps({"runs": [{"numbers": numbers}]}))
         found = exporting(copy, options)
         assert (found.controller, found.setup) == (str(source), None if best == "seed-1" else str(copy))
     (_, tuning), (_, training), (_, page) = stages(copy, options).values()

@@ -63,9 +63,8 @@ def test_file_of_a_recorder_is_read_in_seconds_and_newtons(name, tmp_path):
 @pytest.mark.parametrize("stamps", EXAMPLES["stamps"])
 def test_dates_and_clock_times_become_seconds_since_the_first(stamps, tmp_path):
     (tmp_path / "a.csv").write_text("time;force\n" + "\n".join(f"{stamp};1" for stamp in stamps.split()))
-    columns, said = read_columns(
-        tmp_path / "a.csv", {"time": Column("s", "time"), "force": Column("N", "force")}, ("time", "force")
-    )
+    wanted = {"time": Column("s", "time"), "force": Column("N", "force")}
+    columns, said = read_columns(tmp_path / "a.csv", wanted, tuple(wanted))
     assert columns["time"] == pytest.approx(EXAMPLES["stamps"][stamps], rel=1e-12)
     assert "time (s) from 'time' as dates or times" in said
 
