@@ -90,7 +90,7 @@ def test_failed_late_and_killed_calls_are_named_and_stored(log, tmp_path):
     assert cached(numbers, without_folder, tmp_path, processes=0)[0]["number"] == 0
 
 
-def test_folder_that_cannot_be_written_starts_no_call(log, tmp_path):
+def test_folder_that_cannot_be_written_starts_no_call(log):
     log.touch()
     with pytest.raises(OSError, match=re.escape(f"{log}")):
         cached(numbers, listed(log, 1), log / "results", processes=0)
@@ -114,7 +114,7 @@ def test_ray_results_equal_local_ones_to_the_bit(log, tmp_path):
     assert_identical(stored, computed)
 
 
-def test_node_with_other_versions_runs_no_call(tmp_path, log):
+def test_node_with_other_versions_runs_no_call(log):
     call = Call("cluster_work:numbers", json.dumps(listed(log)[0]), "")
     assert b"install the same" in jobs.perform(call, {"numpy": "0.1"})
     assert calls(log) == []
