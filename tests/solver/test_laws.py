@@ -125,7 +125,7 @@ def test_simulate_does_not_depend_on_the_units(coupling, robot):
 @pytest.mark.parametrize("features", [["friction"], ["stroke"], ["fixed"], ["friction", "stroke", "fixed"]])
 def test_energy_grows_at_most_by_the_work_of_the_ground(features):
     """Energy (J) of object, contact, tool and coupling in the frame of the steady motion."""
-    for seed in range(0, 240, 12):  # without a robot
+    for seed in (seed for seed in range(60) if seed % 12 < 4):  # without a robot
         chain, motion, duration = on_rough_ground(seed, *features)
         v, m, k_c = motion.speed, chain.contact.stiffness_exponent, chain.contact.stiffness
         trace = ig.simulate(chain, replace(motion, brake=None), duration + 0.2, rtol=1e-11, trace=True).trace
