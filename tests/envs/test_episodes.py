@@ -270,5 +270,3 @@ def test_episode_of_any_arguments_is_finite_and_consistent(rows, extreme, scenar
     assert all(observation in env.observation_space for observation in observations)
     assert len(rewards) < 1 + (1.2 + 0.15 + 1.0) / options.get("control_period", 0.016) + 2
     assert all_finite({name: value for name, value in info.items() if name not in SLIDE})  # infinite without friction
-    if info["status"] != "ok" and not info["status"].startswith("not settled"):
-        assert info["reward_terms"]["missed"] == -options.get("missed_cost", 2.0)
