@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_tasks import STORM
-from solver_scenes import COUPLINGS, MOTION, ROBOTS, SPRING, scene
+from solver_scenes import COUPLINGS, MOTION, ROBOT, ROBOTS, SPRING, scene, split, with_every_number
 
 import impact_gym as ig
 from impact_gym import simulation
@@ -19,7 +19,6 @@ from impact_gym.scene import LAWS
 from impact_gym.simulation import APPROACHES_PER_THREAD
 from impact_gym.support import dotted_paths
 
-ROBOT = ig.Robot(5.225, 1.9e5, 50.4)
 SCENE = scene(coupling=SPRING)
 EVERY_COUPLING = [*COUPLINGS.values(), ig.SpringDamper(150.0, 0.5, stroke=0.02)]
 
@@ -58,17 +57,6 @@ def test_row_of_a_sweep_is_simulate_to_the_bit(coupling, robot):
         assert_row(outcomes, (i, j), ig.simulate(alone, replace(MOTION, speed=speeds[j]), duration=1.1))
     assert np.isnan(outcomes.slide).tolist() == [[True, False, False, True]] * len(masses)
     assert not outcomes.object_velocity[:, 0].any()  # the motion does not reach
-
-
-def with_every_number(coupling, robot=ROBOT, **law):
-    """Scene and motion as records by name, in which no number is None."""
-    chain = replace(scene(1e4, 0.5, coupling, robot, **law), object=ig.Object(0.25, 0.1, 0.1))
-    return {**dotted_paths.parts(chain), "motion": ig.Trapezoid(1.0, 8.0, ig.Brake(deceleration=5.0))}
-
-
-def split(records):
-    """The scene and the motion."""
-    return ig.Scene(**{name: record for name, record in records.items() if name != "motion"}), records["motion"]
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
