@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import reference_task as slow
-from episode_runs import ID, PAPERS_SPRING, ROBOT, SLOW, Always, Given, by_path, encode, play, steps
+from episode_runs import ID, PAPERS_SPRING, ROBOT, SLOW, Given, by_path, encode, play, steps
 from scipy import stats
 from solver_scenes import scene
 
@@ -63,7 +63,7 @@ def test_papers_rule_played_in_the_environment_equals_simulate(options):
 ], ids=str)  # fmt: skip
 def test_object_never_reached_is_missed_after_the_horizon(options, count):
     horizon, cost, weight = options.get("horizon", 1.2), options.get("missed_cost", 2.0), options.get("time_weight", 2)
-    observations, rewards, info = play(gym.make(ID, **options), Always(-0.5, 20.0), seed=1)
+    observations, rewards, info = play(gym.make(ID, **options), Given(repeat(encode(-0.5, 20.0))), seed=1)
     assert (info["approach_time"], info["missed"], info["peak_force"], len(rewards)) == (horizon, True, 0.0, count)
     assert (info["time_weight"], info["reward_terms"]["missed"]) == (weight, -cost)
     longest = {0.4: 0.55, 1.2: 1.5, 2.4: 3.0}[horizon]  # the observation's scale, s
@@ -104,7 +104,7 @@ def test_cost_is_1_in_the_last_step_of_an_episode_above_a_limit(limits):
     """Both `force_limit` and `velocity_limit` are off by default, see `play` in `episode_runs`."""
     env, ends, ((name, limit),) = gym.make(ID, **limits), [], limits.items()
     for seed, velocity in product(range(8), (-0.5, 0.3, 1.5)):
-        _, *before, end = (step[-1] for step in steps(env, Always(velocity, 20.0), seed))
+        _, *before, end = (step[-1] for step in steps(env, Given(repeat(encode(velocity, 20.0))), seed))
         assert [info["cost"] for info in before] == [0] * len(before)
         assert end["cost"] == (end["peak_force" if name == "force_limit" else "object_velocity"] > limit)
         ends.append(end["cost"])
@@ -176,7 +176,8 @@ def test_contact_whose_force_is_0_twice_in_a_step_ends(episode):
 def test_exact_range_sensor_reads_the_gap_of_the_trace_late(delay, coupling):
     period, sensor = 0.021, RangeSensor(delay=delay)  # sums of this period are rounded down
     env = gym.make(ID, range_sensor=sensor, coupling=coupling, control_period=period, record_trace=True).unwrapped
-    seen = [[env.sensors()[name] for name in ("time", "range", "range_age")] for _ in steps(env, Always(0.8, 10.0), 3)]
+    played = steps(env, Given(repeat(encode(0.8, 10.0))), 3)
+    seen = [[env.sensors()[name] for name in ("time", "range", "range_age")] for _ in played]
     (time, gap, age), trace = np.array(seen).T, env.trace()
     late = -(-np.round(delay / period, 9) // 1) * period  # whole periods
     arrived = time >= late - 1e-9

@@ -44,16 +44,6 @@ def all_finite(value):
     return not isinstance(value, (float, np.floating, np.ndarray)) or bool(np.isfinite(value).all())
 
 
-class Always:
-    """Commands one velocity (m/s) and acceleration (m/s^2), alone or in every row of a batch."""
-
-    def __init__(self, velocity, acceleration):
-        self.action = encode(velocity, acceleration)
-
-    def predict(self, observation, state=None, episode_start=None, deterministic=True):
-        return np.broadcast_to(self.action, (*np.shape(observation)[:-1], 2)), state
-
-
 class Given:
     """Plays given actions, and keeps the observations in `seen`."""
 
