@@ -119,12 +119,6 @@ def played(batch, action, steps=10_000):
         yield batch
 
 
-def final(batch, action):
-    """Play every row to its end; return the columns of the info."""
-    *_, _ = played(batch, action)
-    return batch.info()
-
-
 def sent(batch, action, steps=10_000):
     """Play; return the packets of each row's operator in the order of sending: (rows, n), PACKET."""
     slots, kept = batch.packets.shape[1], []
