@@ -114,7 +114,7 @@ def played(batch, action, steps=10_000):
     """Play every row to its end with one action; yields the batch after each step."""
     batch.begin_seeded(0, {})
     while not batch.ended.all() and steps:
-        batch.step(np.broadcast_to(action, (batch.size, 3)), batch.ended)
+        batch.step(np.broadcast_to(action, (batch.size, len(action))), batch.ended)
         steps -= 1
         yield batch
 
