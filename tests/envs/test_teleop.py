@@ -9,17 +9,15 @@ import pytest
 from episode_runs import AWAY, GENTLE, OWN, TELEOP, by_path, played, steered
 from random_tasks import STEERED_DRAWN
 from refusal import refused
-from solver_scenes import scene
+from solver_scenes import COUPLINGS, scene
 
 import impact_gym as ig
 from impact_gym.envs.batch import Batch
 from impact_gym.physics.impact import GRAVITY
 from impact_gym.task import Task
 
-COUPLINGS = (ig.Rigid(), ig.SpringDamper(50.0), ig.Bistable())
 
-
-@pytest.mark.parametrize("coupling", COUPLINGS, ids=lambda each: type(each).__name__)
+@pytest.mark.parametrize("coupling", COUPLINGS.values(), ids=COUPLINGS)
 def test_stop_sent_at_the_touch_is_the_papers_brake(coupling):
     task = {"uplink": {"delay": (0.0, 0.3)}, "friction": (0.1, 0.5), "scenario": {"distance": (0.2, 0.8)}}
     *_, batch = played(steered(ig.operators.Trapezoid(0.5, 0.0), 25, coupling=coupling, rtol=1e-10, **task), GENTLE)
@@ -66,7 +64,7 @@ def test_rules_of_authority_hold_for_any_action_and_channel():
     assert faded > 1000
 
 
-@pytest.mark.parametrize("coupling", COUPLINGS, ids=lambda each: type(each).__name__)
+@pytest.mark.parametrize("coupling", COUPLINGS.values(), ids=COUPLINGS)
 def test_tool_pushes_an_object_with_the_force_of_friction(coupling):
     dull = {"object_mass": (0.3, 1.0), "restitution": (0.1, 0.4), "distance": 0.2}
     operator = {"type": "Trapezoid", "speed": (0.1, 0.4), "reaction": 9.0}
