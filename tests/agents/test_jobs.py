@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from unittest import mock
 
 import cluster_work
 import numpy as np
@@ -166,11 +167,7 @@ def test_full_disk_ends_the_command_and_keeps_whole_results(log, tmp_path, monke
     said = r"no room to write .*log: No space left on device; make room: the same command"
     with pytest.raises(SystemExit, match=said), command_line("tune"):
         cached(ends_badly, listed(log, 1, how="no room"), tmp_path, processes=0, failed=lambda *_: None)
-
-    def no_room(_):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(os, "fsync", no_room)
+    monkeypatch.setattr(os, "fsync", mock.Mock(side_effect=OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))))
     with pytest.raises(DiskFullError, match=r"no room to write .*pkl: No space left on device"):
         cached(numbers, listed(log), tmp_path, processes=0)
     assert {path.suffix for path in tmp_path.iterdir()} == {".pkl", ""}  # and the log: nothing unfinished
