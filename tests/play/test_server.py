@@ -4,7 +4,7 @@ import asyncio
 import json
 import signal
 import socket
-from types import SimpleNamespace
+from unittest import mock
 
 import pytest
 from play_client import Page, Simulated, choices, near_setup, pushed, served
@@ -60,29 +60,17 @@ def test_films_are_of_the_tries_in_the_folder_alone(world):
         assert (says in answer.body.decode(), answer.status_code) == (True, 404 if "%2f" in name else 200)
 
 
-class Socket:
-    """A closing connection whose page sends these texts, one each `pause` (s), and then ends as `gone` says."""
+def talk(world, *messages, pause=0.0, gone=None):
+    """Let a page send messages, one each `pause` (s), and then end as `gone` says; return why the server closes it."""
 
-    protocol = SimpleNamespace(state=State.CLOSING)
+    def received():
+        for each in (*messages, ConnectionClosed(None, gone)):
+            world.now += pause
+            yield each if isinstance(each, str | bytes | Exception) else json.dumps(each)
 
-    def __init__(self, world, *texts, pause=0.0, gone=None):
-        self.world, self.texts, self.pause, self.gone = world, [*texts], pause, gone
-
-    async def recv(self):
-        self.world.now += self.pause
-        if not self.texts:
-            raise ConnectionClosed(None, self.gone)
-        return self.texts.pop(0)
-
-    async def close(self, *code_and_reason):
-        self.closed = code_and_reason
-
-
-def talk(world, *messages, **how):
-    """Let a page of the world's server send messages; return the reason with which the server closes it."""
-    page = Socket(world, *(each if isinstance(each, str | bytes) else json.dumps(each) for each in messages), **how)
+    page = mock.AsyncMock(**{"recv.side_effect": received(), "protocol.state": State.CLOSING})  # nothing is sent to it
     asyncio.run(Site(world.session, "token", 80, world.time).serve_page(page))
-    code, reason = page.closed
+    code, reason = page.close.await_args.args
     assert (code, world.session.page) == (1008, None)
     return reason
 
