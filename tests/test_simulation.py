@@ -1,8 +1,7 @@
 """Records of a scene; `simulate` at the limits of its arguments, `sweep` equal to it to the bit, and `advise`."""
 
-import dataclasses
 import math
-from dataclasses import replace
+from dataclasses import astuple, fields, replace
 
 import numpy as np
 import pytest
@@ -16,7 +15,6 @@ from impact_gym import simulation
 from impact_gym.pack import STATUS_MESSAGES
 from impact_gym.quantities import BY_PATH
 from impact_gym.scene import LAWS
-from impact_gym.simulation import APPROACHES_PER_THREAD
 from impact_gym.support import dotted_paths
 
 SCENE = scene(coupling=SPRING)
@@ -31,14 +29,14 @@ def test_robot_table_is_constant_beyond_its_ends():
 
 def test_brake_without_deceleration_has_that_of_the_trapezoid():
     assert [ig.Trapezoid(1.0, 5.0, ig.Brake(deceleration=given)).deceleration for given in (None, 3.0)] == [5.0, 3.0]
-    assert dataclasses.astuple(ig.Brake()) == (1.0, 0.016, None)
+    assert astuple(ig.Brake()) == (1.0, 0.016, None)
 
 
 def assert_row(outcomes, index, outcome):
     """A row has all numbers of `simulate`, and nan for events that do not happen."""
     own = {"contact_count": len(outcome.contacts), "snap_count": len(outcome.snap_through), "status": "ok"}
     own["first_contact"] = outcome.contacts[0].start if outcome.contacts else np.nan
-    for field in dataclasses.fields(ig.Outcomes):
+    for field in fields(ig.Outcomes):
         alone = own[field.name] if field.name in own else getattr(outcome, field.name)
         value = getattr(outcomes, field.name)[index]
         assert value == alone or (np.isnan(value) and alone in (None, np.inf, np.nan)), field.name
@@ -48,7 +46,7 @@ def assert_row(outcomes, index, outcome):
 @pytest.mark.parametrize("coupling", COUPLINGS)
 def test_row_of_a_sweep_is_simulate_to_the_bit(coupling, robot):
     speeds, friction = np.array([0.01, 0.9, 1.3, 1.0]), np.array([0.0, 0.1, 0.4, 0.0])
-    masses = np.geomspace(0.1, 1.0, 2 * APPROACHES_PER_THREAD // 4)[:, None]  # rows for two threads
+    masses = np.geomspace(0.1, 1.0, 2 * simulation.APPROACHES_PER_THREAD // 4)[:, None]  # rows for two threads
     varied = {"object.mass": masses, "motion.speed": speeds, "object.friction": friction}
     struck = replace(scene(1e4, 0.5, COUPLINGS[coupling], ROBOTS[robot]), object=ig.Object(0.25, 0.2505, 0.1))
     outcomes = ig.sweep(struck, MOTION, varied, duration=1.1, threads=3)

@@ -25,7 +25,6 @@ from experiments.lab.study import Cell, Findings, Measurement, Study, StudyOptio
 from experiments.studies import sensors, stability, teleop
 from experiments.studies.solvers import approaches
 from experiments.studies.speed import precision, rates
-from experiments.studies.stability import checks
 from impact_gym.support.sources import compiled_from
 
 FIGURES = {"paper": 1, "speed": 3, "stability": 0, "teleop": 0, "sensors": 0, "speed of trainings": 0}
@@ -209,7 +208,7 @@ def test_kept_cells_depend_on_measure_and_solver(name, monkeypatch):
     for measurement in studies.load(name).measurements:
         solver, *modules = measurement.digest.split(" ")
         assert {*modules} == {measurement.measure.__module__, *measurement.depends}
-        independent = measurement.measure == checks.truth_row
+        independent = measurement.measure == stability.checks.truth_row
         assert solver == ("" if independent else compiled_from())
 
 

@@ -9,7 +9,6 @@ from numpy.polynomial import Polynomial
 from play_client import SETUP, served
 
 from experiments.play import attempts
-from experiments.play.attempts import BUSY
 
 
 @pytest.mark.parametrize(("faked", "hint"), [
@@ -119,7 +118,7 @@ def test_gentle_tries_win_the_levels_and_end_in_free_play(faked, world):
     press, (near, far) = faked.page.keyboard.press, world.session.setups[faked.setup]["distance"]
     ends = {  # what the page says of the results; the last wins, though the computer was too late to count the try
         "did not touch": {"missed": 1.0}, "It slid 1.01 cm": {"slide": 0.010001}, "It slid 2.0 cm": {},
-        f"Does not count. T{BUSY[1:]}.": {"slide": 0.009999, "marks": [BUSY]},
+        f"Does not count. T{attempts.BUSY[1:]}.": {"slide": 0.009999, "marks": [attempts.BUSY]},
     }  # fmt: skip
     for delay, seen, place in ((0, True, 0.15), (0.2, True, 0.85), (0.2, False, None)):
         for says, result in ends.items():

@@ -17,8 +17,7 @@ from websockets.protocol import State
 from websockets.sync.client import connect
 
 from experiments.play import attempts
-from experiments.play import server as serving
-from experiments.play.server import RATE, Site
+from experiments.play.server import RATE, Site, serve
 
 OURS = {"Host": "localhost:80", "Origin": "http://localhost:80"}
 
@@ -110,7 +109,7 @@ def test_folder_has_one_server_and_keeps_files_that_are_no_tries(world):
     assert ([entry["name"] for entry in session.history], len(session.left_out)) == (["good"], 2)
     assert len([*world.folder.glob("*.json")]) == 3
     with socket.create_server(("127.0.0.1", 0)) as taken:
-        refused(lambda: serving.serve(session, taken.getsockname()[1], print), "port must be free, or 0 for any")
+        refused(lambda: serve(session, taken.getsockname()[1], print), "port must be free, or 0 for any")
     session.close()
 
 
