@@ -11,10 +11,9 @@ import time
 from pathlib import Path
 from unittest import mock
 
-import cluster_work
 import numpy as np
 import pytest
-from cluster_work import calls, ends_badly, numbers
+from cluster_work import calls, ends_badly, numbers, played
 from episode_runs import assert_identical
 
 from agents import jobs
@@ -108,9 +107,9 @@ def test_ray_results_equal_local_ones_to_the_bit(log, tmp_path):
     command = [sys.executable, "-c", ON_RAY.format(given=listed(log))]
     with (tmp_path / "printed").open("w") as printed:
         subprocess.run(command, check=True, cwd=tmp_path, env=environment, timeout=300, stdout=printed, stderr=printed)
-    stored = cached(cluster_work.played, listed(log), tmp_path / "results", processes=0)
+    stored = cached(played, listed(log), tmp_path / "results", processes=0)
     assert sorted(calls(log)) == [*range(6)]  # only on the cluster
-    computed = cached(cluster_work.played, listed(log), tmp_path / "here", processes=0)
+    computed = cached(played, listed(log), tmp_path / "here", processes=0)
     assert not {each.pop("where") for each in stored} & {each.pop("where") for each in computed}  # kernels were sent
     assert_identical(stored, computed)
 
