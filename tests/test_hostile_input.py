@@ -1,7 +1,6 @@
 """Hostile input: a value, text or file works, or is refused in one line that names the place."""
 
 import json
-import math
 import os
 import random
 import re
@@ -39,12 +38,12 @@ from impact_gym.support import archive, files, validation
 from impact_gym.task import evaluation_sets
 
 PLAIN = [  # values in a file
-    True, False, 0, -1, 3, 10**30, -0.0, 1e-320, 1e300, -1.5, 0.5, math.nan, math.inf, -math.inf, "", "0.1", "nan",
+    True, False, 0, -1, 3, 10**30, -0.0, 1e-320, 1e300, -1.5, 0.5, np.nan, np.inf, -np.inf, "", "0.1", "nan",
     "Rigid", "a\nb", "x" * 5000, "\x00", [], [1.0], [1.0, 2.0], [2.0, 1.0], [[1.0], [1.0, 2.0]], [1, "a"], [True], {},
-    {"type": "Rigid"}, {"a": {"b": [1]}}, [math.nan, 1.0], [0.0, 1e300],
+    {"type": "Rigid"}, {"a": {"b": [1]}}, [np.nan, 1.0], [0.0, 1e300],
 ]  # fmt: skip
 ANY = [  # and values that only a Python call can have
-    *PLAIN, None, 1j, 10**400, b"1", {1, 2}, range(3), object, object(), len, (1.0,), np.float32(math.nan),
+    *PLAIN, None, 1j, 10**400, b"1", {1, 2}, range(3), object, object(), len, (1.0,), np.float32(np.nan),
     *map(np.array, (1.0, [1.0, 2.0], [1j], ["a"], [[1.0]], [None], [])), np.zeros(10**5), np.int64(-5),
 ]  # fmt: skip
 KEYS = ["", "mass", "tool_mas", "__class__", "type", "scenario", "Stiffness", "a.b", "x\ny", "1", "k" * 300]

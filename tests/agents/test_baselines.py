@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import math
 
 import gymnasium as gym
 import numpy as np
@@ -122,7 +121,7 @@ def test_missing_or_changed_tuned_file_is_refused_with_a_remedy(tmp_path):
     given = good["weights"]["2"]["parameters"]
     first, *others = given
     without = {name: given[name] for name in others}
-    parameters = [*(given | {first: value} for value in ("0.1", math.nan, 1e300)), without, 3]
+    parameters = [*(given | {first: value} for value in ("0.1", np.nan, 1e300)), without, 3]
     for content, words in (
         ({}, "damaged"), ([], "damaged"), (good | {"sha256": checksum, "rule": "Ranged "}, "was altered"),
         (good | {"environment": {"range_noise": 0.02}}, "the environment in"), (good | {"rule": [1]}, "the rule in"),

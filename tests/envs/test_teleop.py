@@ -1,6 +1,5 @@
 """An operator in the loop: rules that hold for any action, the paper's brake, ends of episodes, recordings."""
 
-import math
 from itertools import product
 
 import gymnasium as gym
@@ -93,7 +92,7 @@ def test_command_of_a_person_is_checked_and_sent_at_a_tick():
     for link, arrives in ((None, [0.1, 0.2]), ({"delay": 0.1}, [0.0, 0.0])):  # sent at the end of the step
         envs = gym.make_vec(TELEOP, 2, operator={"type": "Person"}, uplink=link)
         envs.reset(seed=1)
-        for wrong in (math.nan, 0.51, -0.31):
+        for wrong in (np.nan, 0.51, -0.31):
             refused(lambda wrong=wrong, envs=envs: envs.unwrapped.command([0.0, wrong]), "command", str(wrong))
         envs.unwrapped.command([0.1, 0.2])
         assert envs.step(np.array([OWN, OWN], np.float32))[-1]["command"].tolist() == arrives
