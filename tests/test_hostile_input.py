@@ -1,7 +1,6 @@
 """Hostile input: a value, text or file works, or is refused in one line that names the place."""
 
 import json
-import math
 import os
 import random
 import re
@@ -36,16 +35,15 @@ from experiments.report.__main__ import ReportOptions, write
 from impact_gym.identification import log as logs_of
 from impact_gym.identification.__main__ import parse
 from impact_gym.support import archive, files, validation
-from impact_gym.support.files import UNFINISHED, locked, write_file
 from impact_gym.task import evaluation_sets
 
 PLAIN = [  # values in a file
-    True, False, 0, -1, 3, 10**30, -0.0, 1e-320, 1e300, -1.5, 0.5, math.nan, math.inf, -math.inf, "", "0.1", "nan",
+    True, False, 0, -1, 3, 10**30, -0.0, 1e-320, 1e300, -1.5, 0.5, np.nan, np.inf, -np.inf, "", "0.1", "nan",
     "Rigid", "a\nb", "x" * 5000, "\x00", [], [1.0], [1.0, 2.0], [2.0, 1.0], [[1.0], [1.0, 2.0]], [1, "a"], [True], {},
-    {"type": "Rigid"}, {"a": {"b": [1]}}, [math.nan, 1.0], [0.0, 1e300],
+    {"type": "Rigid"}, {"a": {"b": [1]}}, [np.nan, 1.0], [0.0, 1e300],
 ]  # fmt: skip
 ANY = [  # and values that only a Python call can have
-    *PLAIN, None, 1j, 10**400, b"1", {1, 2}, range(3), object, object(), len, (1.0,), np.float32(math.nan),
+    *PLAIN, None, 1j, 10**400, b"1", {1, 2}, range(3), object, object(), len, (1.0,), np.float32(np.nan),
     *map(np.array, (1.0, [1.0, 2.0], [1j], ["a"], [[1.0]], [None], [])), np.zeros(10**5), np.int64(-5),
 ]  # fmt: skip
 KEYS = ["", "mass", "tool_mas", "__class__", "type", "scenario", "Stiffness", "a.b", "x\ny", "1", "k" * 300]
@@ -227,10 +225,10 @@ def test_file_is_written_through_links_and_over_nothing_else(tmp_path):
     (tmp_path / "link").symlink_to("there/it.txt")  # does not exist yet
     (tmp_path / "link to link").symlink_to("link")
     for text in ("first", "second"):
-        write_file(tmp_path / "link to link", text)
+        files.write_file(tmp_path / "link to link", text)
         assert (os.listdir(tmp_path / "there"), (tmp_path / "there/it.txt").read_text()) == (["it.txt"], text)
     with (tmp_path / "link").open() as reader:
-        write_file(tmp_path / "link", "third")
+        files.write_file(tmp_path / "link", "third")
         assert reader.read() == "second"  # who reads a file while it is written gets all of what was there
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "ring").symlink_to("ring")
@@ -238,10 +236,10 @@ def test_file_is_written_through_links_and_over_nothing_else(tmp_path):
     before = {path: os.lstat(path)[:2] for path in tmp_path.iterdir()}  # kind and number of each
     for name in ("pipe", "ring", "link to a pipe"):
         with pytest.raises(OSError, match=f"{name} must be a file .*nothing is written"):
-            write_file(tmp_path / name, "text")
+            files.write_file(tmp_path / name, "text")
     for name in ("pipe", "there", "link to a pipe"):
-        refused(locked(tmp_path / name).__enter__, f"{name} must be a regular file")
+        refused(files.locked(tmp_path / name).__enter__, f"{name} must be a regular file")
     assert {path: os.lstat(path)[:2] for path in tmp_path.iterdir()} == before
-    (tmp_path / "there" / f".it.1{UNFINISHED}").touch()  # of a killed process
-    with locked(tmp_path / "lock"):
+    (tmp_path / "there" / f".it.1{files.UNFINISHED}").touch()  # of a killed process
+    with files.locked(tmp_path / "lock"):
         assert os.listdir(tmp_path / "there") == ["it.txt"]

@@ -5,8 +5,7 @@ tests/task/test_quantities.py has the refusals that follow from the table of qua
 
 import os
 import tomllib
-from dataclasses import MISSING
-from dataclasses import fields as dataclass_fields
+from dataclasses import MISSING, fields
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -42,8 +41,8 @@ def folder(tmp_path, monkeypatch, request):
 def filled(value, records=False):
     """An example for "@name", what `value_of` makes of "=text"; with `records`, a record for {type = "Name", ...}."""
     if isinstance(value, dict):
-        fields = {name: filled(inner, records) for name, inner in value.items()}
-        return getattr(ig, fields.pop("type"))(**fields) if records and "type" in fields else fields
+        given = {name: filled(inner, records) for name, inner in value.items()}
+        return getattr(ig, given.pop("type"))(**given) if records and "type" in given else given
     if isinstance(value, list):
         return [filled(inner, records) for inner in value]
     if isinstance(value, str) and value[:1] == "@":
@@ -103,10 +102,10 @@ def test_description_of_a_record_names_its_kind_and_fields(argument, kinds):
     for value in wrong:
         refused(partial(Task, **{argument: value}), f"{argument} must be", *(k.__name__ for k in kinds), shown(value))
     for kind in kinds:
-        fields = {field.name: field.default is MISSING for field in dataclass_fields(kind)}
+        needs = {field.name: field.default is MISSING for field in fields(kind)}
         given = {"type": kind.__name__, "misspelt": 1.0}
-        refused(partial(Task, **{argument: given}), argument, "'misspelt'", *map(repr, fields))
-        for name in (name for name, needed in fields.items() if needed):
+        refused(partial(Task, **{argument: given}), argument, "'misspelt'", *map(repr, needs))
+        for name in (name for name, needed in needs.items() if needed):
             refused(partial(Task, **{argument: {"type": kind.__name__}}), argument, "needs", repr(name))
 
 

@@ -1,25 +1,22 @@
 """Records of a scene; `simulate` at the limits of its arguments, `sweep` equal to it to the bit, and `advise`."""
 
-import dataclasses
 import math
-from dataclasses import replace
+from dataclasses import astuple, fields, replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_tasks import STORM
-from solver_scenes import COUPLINGS, MOTION, ROBOTS, SPRING, scene
+from solver_scenes import COUPLINGS, MOTION, ROBOT, ROBOTS, SPRING, scene, split, with_every_number
 
 import impact_gym as ig
 from impact_gym import simulation
 from impact_gym.pack import STATUS_MESSAGES
 from impact_gym.quantities import BY_PATH
 from impact_gym.scene import LAWS
-from impact_gym.simulation import APPROACHES_PER_THREAD
 from impact_gym.support import dotted_paths
 
-ROBOT = ig.Robot(5.225, 1.9e5, 50.4)
 SCENE = scene(coupling=SPRING)
 EVERY_COUPLING = [*COUPLINGS.values(), ig.SpringDamper(150.0, 0.5, stroke=0.02)]
 
@@ -32,14 +29,14 @@ def test_robot_table_is_constant_beyond_its_ends():
 
 def test_brake_without_deceleration_has_that_of_the_trapezoid():
     assert [ig.Trapezoid(1.0, 5.0, ig.Brake(deceleration=given)).deceleration for given in (None, 3.0)] == [5.0, 3.0]
-    assert dataclasses.astuple(ig.Brake()) == (1.0, 0.016, None)
+    assert astuple(ig.Brake()) == (1.0, 0.016, None)
 
 
 def assert_row(outcomes, index, outcome):
     """A row has all numbers of `simulate`, and nan for events that do not happen."""
     own = {"contact_count": len(outcome.contacts), "snap_count": len(outcome.snap_through), "status": "ok"}
     own["first_contact"] = outcome.contacts[0].start if outcome.contacts else np.nan
-    for field in dataclasses.fields(ig.Outcomes):
+    for field in fields(ig.Outcomes):
         alone = own[field.name] if field.name in own else getattr(outcome, field.name)
         value = getattr(outcomes, field.name)[index]
         assert value == alone or (np.isnan(value) and alone in (None, np.inf, np.nan)), field.name
@@ -49,7 +46,7 @@ def assert_row(outcomes, index, outcome):
 @pytest.mark.parametrize("coupling", COUPLINGS)
 def test_row_of_a_sweep_is_simulate_to_the_bit(coupling, robot):
     speeds, friction = np.array([0.01, 0.9, 1.3, 1.0]), np.array([0.0, 0.1, 0.4, 0.0])
-    masses = np.geomspace(0.1, 1.0, 2 * APPROACHES_PER_THREAD // 4)[:, None]  # rows for two threads
+    masses = np.geomspace(0.1, 1.0, 2 * simulation.APPROACHES_PER_THREAD // 4)[:, None]  # rows for two threads
     varied = {"object.mass": masses, "motion.speed": speeds, "object.friction": friction}
     struck = replace(scene(1e4, 0.5, COUPLINGS[coupling], ROBOTS[robot]), object=ig.Object(0.25, 0.2505, 0.1))
     outcomes = ig.sweep(struck, MOTION, varied, duration=1.1, threads=3)
@@ -58,17 +55,6 @@ def test_row_of_a_sweep_is_simulate_to_the_bit(coupling, robot):
         assert_row(outcomes, (i, j), ig.simulate(alone, replace(MOTION, speed=speeds[j]), duration=1.1))
     assert np.isnan(outcomes.slide).tolist() == [[True, False, False, True]] * len(masses)
     assert not outcomes.object_velocity[:, 0].any()  # the motion does not reach
-
-
-def with_every_number(coupling, robot=ROBOT, **law):
-    """Scene and motion as records by name, in which no number is None."""
-    chain = replace(scene(1e4, 0.5, coupling, robot, **law), object=ig.Object(0.25, 0.1, 0.1))
-    return {**dotted_paths.parts(chain), "motion": ig.Trapezoid(1.0, 8.0, ig.Brake(deceleration=5.0))}
-
-
-def split(records):
-    """The scene and the motion."""
-    return ig.Scene(**{name: record for name, record in records.items() if name != "motion"}), records["motion"]
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
@@ -166,9 +152,8 @@ def extreme_cases(draw):
     for path in draw(st.lists(st.sampled_from(free), min_size=1, max_size=5, unique=True)):
         low, high = max(BY_PATH[path].limits.at_least, 1e-12), BY_PATH[path].limits.at_most
         between = st.floats(math.log(low), math.log(high)).map(lambda power: float(math.exp(power)))
-        records = dotted_paths.replaced(
-            records, {path: min(max(draw(st.sampled_from([low, high]) | between), low), high)}
-        )
+        number = min(max(draw(st.sampled_from([low, high]) | between), low), high)
+        records = dotted_paths.replaced(records, {path: number})
     motion, distance = records.pop("motion"), records["object"].distance
     there = distance / motion.speed + math.sqrt(2 * distance / motion.acceleration)
     return ig.Scene(**records), motion, min(2.0 * there + 1.0, 1e12)

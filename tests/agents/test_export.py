@@ -15,8 +15,7 @@ from refusal import refused
 from agents import load_policy, load_setup
 from agents.baselines import ConstantSpeed, Rule
 from agents.baselines.profile import REACTION, ReactingRule
-from agents.export import __main__ as exporting
-from agents.export.__main__ import Export, judged, judged_replay
+from agents.export.__main__ import Export, judged, judged_replay, run
 from agents.export.c_header import header
 from agents.export.documentation import Exported, of_name, of_setup
 from agents.export.onnx_graph import write_onnx
@@ -34,7 +33,7 @@ def test_run_writes_header_and_onnx_and_compares_both(tmp_path, capsys, kind):
     policy = made_up_policy(**KINDS[kind])
     assert (np.abs(policy.predict(observations(policy))[0]) < 1.0).any(axis=0).all()  # not only equal limits
     saved = policy.save(tmp_path / "my policy-2.npz")
-    files = exporting.run(Export(str(saved), tmp_path / "out", episodes=10, calls=10))
+    files = run(Export(str(saved), tmp_path / "out", episodes=10, calls=10))
     assert [file.name for file in files] == ["my policy-2.h", "my policy-2.onnx"]
     printed = capsys.readouterr().out
     assert (printed.count("16,000 us"), printed.count("differs from the policy by at most")) == (1, 2)

@@ -1,7 +1,6 @@
 """Controllers in C command what they command in Python, with good and with faulty readings."""
 
 import json
-import math
 import re
 import shutil
 from functools import partial
@@ -174,7 +173,7 @@ def test_faulty_readings_are_treated_as_the_contract_says(name, tmp_path):
         assert count > 30
         assert commands[:, 0] == pytest.approx(expected, rel=0, abs=2e-5)
         assert commands[:, 0].std(axis=0).min() > 0.05
-        ends = [least, 0.0, -1.0, math.nan, math.inf, -math.inf, most, 2.0 * most]
+        ends = [least, 0.0, -1.0, np.nan, np.inf, -np.inf, most, 2.0 * most]
         weights = commands_of(program, np.repeat(readings[:, None], len(ends), axis=1), ends)
         assert np.ptp(weights[:, :6], axis=1).max() == 0.0 == np.ptp(weights[:, 6:], axis=1).max()
         assert "time_weight_use" not in said  # which says that the weight is ignored
@@ -191,10 +190,10 @@ def test_operators_controller_stops_and_withdraws_as_it_says(tmp_path):
     most = json.loads(exported.documentation["acceleration_limits"])["high"]
     fields = dict.fromkeys(exported.spec.sensors, np.zeros(150)) | {"time": time, "alarm": time >= 1.5}
     fields["time_since_alarm"] = np.maximum(time - 1.5, 0.0)
-    fields["command"] = np.where(np.abs(time - 0.5) < 0.02, math.nan, 0.2)
+    fields["command"] = np.where(np.abs(time - 0.5) < 0.02, np.nan, 0.2)
     fields["command_age"] = 0.1 + np.clip(time - 1.0, 0.0, 0.3) * (time < 1.3)
-    fields["command_age"][[40, 44, 48]] = -math.inf, math.nan, math.inf
-    late = np.where(np.isin(np.arange(150), (20, 22)), math.inf, math.nan)[:, None]
+    fields["command_age"][[40, 44, 48]] = -np.inf, np.nan, np.inf
+    late = np.where(np.isin(np.arange(150), (20, 22)), np.inf, np.nan)[:, None]
     readings = np.stack(list(fields.values()), axis=-1)[:, None]
     commands = commands_of(careless(exported, tmp_path), readings, [2.0], late)
     silent = np.isnan(fields["command"]) | np.isinf(late[:, 0]) | ((time >= 1.008 + timeout) & (time < 1.3))

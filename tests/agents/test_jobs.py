@@ -9,11 +9,11 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from unittest import mock
 
-import cluster_work
 import numpy as np
 import pytest
-from cluster_work import calls, ends_badly, numbers
+from cluster_work import calls, ends_badly, numbers, played
 from episode_runs import assert_identical
 
 from agents import jobs
@@ -90,7 +90,7 @@ def test_failed_late_and_killed_calls_are_named_and_stored(log, tmp_path):
     assert cached(numbers, without_folder, tmp_path, processes=0)[0]["number"] == 0
 
 
-def test_folder_that_cannot_be_written_starts_no_call(log, tmp_path):
+def test_folder_that_cannot_be_written_starts_no_call(log):
     log.touch()
     with pytest.raises(OSError, match=re.escape(f"{log}")):
         cached(numbers, listed(log, 1), log / "results", processes=0)
@@ -107,14 +107,14 @@ def test_ray_results_equal_local_ones_to_the_bit(log, tmp_path):
     command = [sys.executable, "-c", ON_RAY.format(given=listed(log))]
     with (tmp_path / "printed").open("w") as printed:
         subprocess.run(command, check=True, cwd=tmp_path, env=environment, timeout=300, stdout=printed, stderr=printed)
-    stored = cached(cluster_work.played, listed(log), tmp_path / "results", processes=0)
+    stored = cached(played, listed(log), tmp_path / "results", processes=0)
     assert sorted(calls(log)) == [*range(6)]  # only on the cluster
-    computed = cached(cluster_work.played, listed(log), tmp_path / "here", processes=0)
+    computed = cached(played, listed(log), tmp_path / "here", processes=0)
     assert not {each.pop("where") for each in stored} & {each.pop("where") for each in computed}  # kernels were sent
     assert_identical(stored, computed)
 
 
-def test_node_with_other_versions_runs_no_call(tmp_path, log):
+def test_node_with_other_versions_runs_no_call(log):
     call = Call("cluster_work:numbers", json.dumps(listed(log)[0]), "")
     assert b"install the same" in jobs.perform(call, {"numpy": "0.1"})
     assert calls(log) == []
@@ -166,11 +166,7 @@ def test_full_disk_ends_the_command_and_keeps_whole_results(log, tmp_path, monke
     said = r"no room to write .*log: No space left on device; make room: the same command"
     with pytest.raises(SystemExit, match=said), command_line("tune"):
         cached(ends_badly, listed(log, 1, how="no room"), tmp_path, processes=0, failed=lambda *_: None)
-
-    def no_room(_):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(os, "fsync", no_room)
+    monkeypatch.setattr(os, "fsync", mock.Mock(side_effect=OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))))
     with pytest.raises(DiskFullError, match=r"no room to write .*pkl: No space left on device"):
         cached(numbers, listed(log), tmp_path, processes=0)
     assert {path.suffix for path in tmp_path.iterdir()} == {".pkl", ""}  # and the log: nothing unfinished

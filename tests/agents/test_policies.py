@@ -2,7 +2,6 @@
 
 import itertools
 import json
-import math
 
 import numpy as np
 import pytest
@@ -65,15 +64,15 @@ def test_shipped_policy_is_the_median_of_its_seeds(name):
 
 
 def test_predict_adds_noise_with_the_policys_standard_deviation():
-    policy, sigma = made_up_policy(log_std=-4.0), math.exp(-4.0)
+    policy, sigma = made_up_policy(log_std=-4.0), np.exp(-4.0)
     seen = observations(policy, 60_000)
     mean = policy.predict(seen)[0]
     inside = np.abs(mean).max(axis=1) < 0.9  # other actions are clipped
     noise = (policy.predict(seen, deterministic=False)[0] - mean)[inside]
     assert len(noise) > 10_000
-    assert np.abs(noise.mean(axis=0)).max() < 5.0 * sigma / math.sqrt(len(noise))
-    assert np.abs(noise.std(axis=0) - sigma).max() < 5.0 * sigma / math.sqrt(2 * len(noise))
-    assert abs(np.corrcoef(noise.T)[0, 1]) < 5.0 / math.sqrt(len(noise))
+    assert np.abs(noise.mean(axis=0)).max() < 5.0 * sigma / np.sqrt(len(noise))
+    assert np.abs(noise.std(axis=0) - sigma).max() < 5.0 * sigma / np.sqrt(2 * len(noise))
+    assert abs(np.corrcoef(noise.T)[0, 1]) < 5.0 / np.sqrt(len(noise))
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -5,6 +5,7 @@ import fcntl
 import json
 import pickle
 import shutil
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -37,10 +38,8 @@ def interrupted(run, out, after=0):
             raise KeyboardInterrupt
         return policy
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(TrainingCallback, "validate", interrupt)
-        with pytest.raises(KeyboardInterrupt):
-            resume(out) if out.exists() else train(run, out)
+    with mock.patch.object(TrainingCallback, "validate", interrupt), pytest.raises(KeyboardInterrupt):
+        resume(out) if out.exists() else train(run, out)
 
 
 def read(folder, name):

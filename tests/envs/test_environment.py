@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import reference_task as slow
-from episode_runs import ID, PAPERS_SPRING, ROBOT, SLOW, Always, Given, by_path, encode, play, steps
+from episode_runs import ID, PAPERS_SPRING, ROBOT, SLOW, Given, by_path, encode, play, played, steps
 from scipy import stats
 from solver_scenes import scene
 
@@ -38,23 +38,23 @@ def test_papers_rule_played_in_the_environment_equals_simulate(options):
     # a bistable tool's flight has no closed form and multiplies errors near the alignment
     rtol, flight_error = (1e-11, 1e-11) if isinstance(coupling, ig.Bistable) or friction else (1e-8, 1e-12)
     task = Task(rtol=rtol, **options)
-    played = ScenarioBatch(31, 12 if friction else 60, task).play(PaperTrapezoid().for_task(task))
+    episodes = ScenarioBatch(31, 12 if friction else 60, task).play(PaperTrapezoid().for_task(task))
     brake = ig.Brake(options.get("alarm_threshold", 1.0), options.get("reaction_delay", 0.016), 8.0)
     struck = scene(coupling=coupling, friction=friction, dissipation=options.get("dissipation", "hu-guo"))
-    outcomes = ig.sweep(struck, ig.Trapezoid(1.0, 8.0, brake), by_path(played.scenario), duration=5.0, rtol=rtol)
+    outcomes = ig.sweep(struck, ig.Trapezoid(1.0, 8.0, brake), by_path(episodes.scenario), duration=5.0, rtol=rtol)
     velocity = outcomes.peak_object_velocity if friction else outcomes.object_velocity
-    assert played.object_velocity == pytest.approx(velocity, rel=0, abs=1e-9)
-    assert played.approach_time == pytest.approx(outcomes.first_contact, rel=0, abs=flight_error)
-    assert played.peak_force == pytest.approx(outcomes.peak_force, rel=1e-8)
+    assert episodes.object_velocity == pytest.approx(velocity, rel=0, abs=1e-9)
+    assert episodes.approach_time == pytest.approx(outcomes.first_contact, rel=0, abs=flight_error)
+    assert episodes.peak_force == pytest.approx(outcomes.peak_force, rel=1e-8)
     if friction:
-        assert played.slide == pytest.approx(outcomes.slide, rel=1e-7)
-        assert played.slide.max() > 0.01
-        late = played.rest_time - outcomes.rest_time
+        assert episodes.slide == pytest.approx(outcomes.slide, rel=1e-7)
+        assert episodes.slide.max() > 0.01
+        late = episodes.rest_time - outcomes.rest_time
         assert np.min(late) > -1.5e-3  # in an episode, rest is detected at control steps, after it each ms
         assert np.percentile(late, 90) < 1.5e-3
         assert np.max(late) < 2.0 * task.control_period
     else:
-        assert np.array_equal(played.contact_count, outcomes.contact_count)
+        assert np.array_equal(episodes.contact_count, outcomes.contact_count)
 
 
 @pytest.mark.parametrize(("options", "count"), [
@@ -63,7 +63,7 @@ def test_papers_rule_played_in_the_environment_equals_simulate(options):
 ], ids=str)  # fmt: skip
 def test_object_never_reached_is_missed_after_the_horizon(options, count):
     horizon, cost, weight = options.get("horizon", 1.2), options.get("missed_cost", 2.0), options.get("time_weight", 2)
-    observations, rewards, info = play(gym.make(ID, **options), Always(-0.5, 20.0), seed=1)
+    observations, rewards, info = play(gym.make(ID, **options), Given(repeat(encode(-0.5, 20.0))), seed=1)
     assert (info["approach_time"], info["missed"], info["peak_force"], len(rewards)) == (horizon, True, 0.0, count)
     assert (info["time_weight"], info["reward_terms"]["missed"]) == (weight, -cost)
     longest = {0.4: 0.55, 1.2: 1.5, 2.4: 3.0}[horizon]  # the observation's scale, s
@@ -104,7 +104,7 @@ def test_cost_is_1_in_the_last_step_of_an_episode_above_a_limit(limits):
     """Both `force_limit` and `velocity_limit` are off by default, see `play` in `episode_runs`."""
     env, ends, ((name, limit),) = gym.make(ID, **limits), [], limits.items()
     for seed, velocity in product(range(8), (-0.5, 0.3, 1.5)):
-        _, *before, end = (step[-1] for step in steps(env, Always(velocity, 20.0), seed))
+        _, *before, end = (step[-1] for step in steps(env, Given(repeat(encode(velocity, 20.0))), seed))
         assert [info["cost"] for info in before] == [0] * len(before)
         assert end["cost"] == (end["peak_force" if name == "force_limit" else "object_velocity"] > limit)
         ends.append(end["cost"])
@@ -176,7 +176,8 @@ def test_contact_whose_force_is_0_twice_in_a_step_ends(episode):
 def test_exact_range_sensor_reads_the_gap_of_the_trace_late(delay, coupling):
     period, sensor = 0.021, RangeSensor(delay=delay)  # sums of this period are rounded down
     env = gym.make(ID, range_sensor=sensor, coupling=coupling, control_period=period, record_trace=True).unwrapped
-    seen = [[env.sensors()[name] for name in ("time", "range", "range_age")] for _ in steps(env, Always(0.8, 10.0), 3)]
+    episode = steps(env, Given(repeat(encode(0.8, 10.0))), 3)
+    seen = [[env.sensors()[name] for name in ("time", "range", "range_age")] for _ in episode]
     (time, gap, age), trace = np.array(seen).T, env.trace()
     late = -(-np.round(delay / period, 9) // 1) * period  # whole periods
     arrived = time >= late - 1e-9
@@ -190,11 +191,8 @@ def test_exact_range_sensor_reads_the_gap_of_the_trace_late(delay, coupling):
 
 def readings(ticks, *names, **task):
     """Sensor values (names, ticks, 3000) 0.3 m before a flange at rest, each step after the first."""
-    batch, seen = Batch(3000, Task(scenario={"distance": 0.3}, **task)), []
-    batch.begin_seeded(0, {})
-    for _ in range(ticks):
-        batch.step(np.tile(encode(0.0, 20.0), (3000, 1)), batch.ended)
-        seen.append([batch.sensors()[name] for name in names])
+    batch = Batch(3000, Task(scenario={"distance": 0.3}, **task))
+    seen = [[batch.sensors()[name] for name in names] for _ in played(batch, encode(0.0, 20.0), ticks)]
     return np.array(seen).transpose(1, 0, 2)
 
 

@@ -1,7 +1,5 @@
 """Operators and channels: what is commanded, when it arrives, and what the operator sees."""
 
-import math
-
 import numpy as np
 import pytest
 from episode_runs import AWAY, OWN, STOP, played, sent, steered
@@ -32,10 +30,10 @@ def test_presets_of_channels_have_mean_and_spread_of_source(name, spread):
 @pytest.mark.parametrize(("loss", "burst"), [(0.05, 1.0), (0.3, 1.0), (0.2, 4.0)])
 def test_every_packet_has_the_loss_and_burst_of_its_channel(loss, burst, way):
     lost = np.isinf(delays_of(ig.Channel(0.02, loss=loss, burst=burst), 3000, 12, way))
-    error = 5.0 * math.sqrt(loss * (1.0 - loss) / len(lost))
+    error = 5.0 * np.sqrt(loss * (1.0 - loss) / len(lost))
     assert lost.mean(axis=0) == pytest.approx(loss, abs=error)  # of the first packet, too
     again = lost[:, 1:][lost[:, :-1]]  # bursts have a geometric length of the mean 1 / (1 - mean of `again`)
-    assert again.mean() == pytest.approx(1.0 - 1.0 / burst, abs=2.5 / math.sqrt(len(again)) * (burst > 1.0))
+    assert again.mean() == pytest.approx(1.0 - 1.0 / burst, abs=2.5 / np.sqrt(len(again)) * (burst > 1.0))
 
 
 PERIOD = 0.021  # s; sums of it are rounded down, so that a packet seems to arrive after the step that ends with it
@@ -81,7 +79,7 @@ def test_trace_of_delays_is_played_from_a_random_time_on(tmp_path):
         assert (delays.min(axis=1) < 0.054).all()
         assert (delays.max(axis=1) > 0.246).all()
         first.append(delays[:, 0])
-    assert abs(np.corrcoef(*first)[0, 1]) < 5.0 / math.sqrt(500)
+    assert abs(np.corrcoef(*first)[0, 1]) < 5.0 / np.sqrt(500)
     # rows are 20 ms apart and every fourth is lost: of packets each 10 ms, those nearest to a lost row are lost
     lines = [f"{20 * k},{'' if k % 4 == 2 else 30}" for k in range(401)]
     (tmp_path / "delays.csv").write_text("\n".join(["t [ms],delay [ms]", *lines]))
@@ -114,13 +112,13 @@ def test_reach_has_minimum_jerk_and_takes_longer_over_delays(link, mean):
 
 
 @pytest.mark.parametrize(("damping", "speed", "way"), [
-    (8.9, 0.3, 0.7), (5.7, 0.5, 0.1), (2.0 * math.sqrt(38.0), 0.4, 0.5), (2.01 * math.sqrt(38.0), 0.5, 0.3),
+    (8.9, 0.3, 0.7), (5.7, 0.5, 0.1), (2.0 * np.sqrt(38.0), 0.4, 0.5), (2.01 * np.sqrt(38.0), 0.5, 0.3),
 ])  # fmt: skip
 def test_second_order_lag_commands_as_a_spring_and_damper_move(damping, speed, way):
     # x'' = k (target - x) - d x'; the target moves to the place where the operator believes the object to be
     operator = ig.operators.SecondOrderLag(0.0, 1e-9, speed=speed, damping=damping)
-    decay, root = 0.5 * damping, math.sqrt(max(38.0 - 0.25 * damping**2, 0.0))
-    beyond = 1.0 + (math.exp(-math.pi * decay / root) if root else 0.0)
+    decay, root = 0.5 * damping, np.sqrt(max(38.0 - 0.25 * damping**2, 0.0))
+    beyond = 1.0 + (np.exp(-np.pi * decay / root) if root else 0.0)
     rate, times = speed / beyond, 1e-3 * np.arange(8000)
     target = np.minimum(rate * times, way)
     expected = lsim(([38.0, 0.0], [1.0, damping, 38.0]), target, times)[1][::16]  # every 16 ms
@@ -225,8 +223,8 @@ def test_noise_of_every_source_row_and_step_is_independent():
         if neighbour == 0:
             correlation[: len(own), : len(own)][own] = 0.0
             np.fill_diagonal(correlation, 0.0)
-        assert np.abs(correlation).max() < 6.0 / math.sqrt(rows)
+        assert np.abs(correlation).max() < 6.0 / np.sqrt(rows)
         by_step = correlation[: len(own), : len(own)].reshape(count, steps, count, steps)
         for lag in range(4):
             mean = np.diagonal(by_step, lag, 1, 3).mean(axis=-1)
-            assert np.abs(mean).max() < 5.0 / math.sqrt(rows * (steps - lag)), (neighbour, lag)
+            assert np.abs(mean).max() < 5.0 / np.sqrt(rows * (steps - lag)), (neighbour, lag)

@@ -1,28 +1,26 @@
 """An operator in the loop: rules that hold for any action, the paper's brake, ends of episodes, recordings."""
 
-import math
 from itertools import product
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from episode_runs import AWAY, GENTLE, OWN, TELEOP, by_path, final, played, steered
+from episode_runs import AWAY, GENTLE, OWN, TELEOP, by_path, played, steered
 from random_tasks import STEERED_DRAWN
 from refusal import refused
-from solver_scenes import scene
+from solver_scenes import COUPLINGS, scene
 
 import impact_gym as ig
 from impact_gym.envs.batch import Batch
 from impact_gym.physics.impact import GRAVITY
 from impact_gym.task import Task
 
-COUPLINGS = (ig.Rigid(), ig.SpringDamper(50.0), ig.Bistable())
 
-
-@pytest.mark.parametrize("coupling", COUPLINGS, ids=lambda each: type(each).__name__)
+@pytest.mark.parametrize("coupling", COUPLINGS.values(), ids=COUPLINGS)
 def test_stop_sent_at_the_touch_is_the_papers_brake(coupling):
     task = {"uplink": {"delay": (0.0, 0.3)}, "friction": (0.1, 0.5), "scenario": {"distance": (0.2, 0.8)}}
-    info = final(steered(ig.operators.Trapezoid(0.5, 0.0), 25, coupling=coupling, rtol=1e-10, **task), GENTLE)
+    *_, batch = played(steered(ig.operators.Trapezoid(0.5, 0.0), 25, coupling=coupling, rtol=1e-10, **task), GENTLE)
+    info = batch.info()
     delay, friction = info["record"]["uplink.delay"], info["record"]["friction"]
     varied = by_path(info["scenario"]) | {"object.friction": friction, "motion.brake.delay": delay}
     motion = ig.Trapezoid(0.5, 8.0, ig.Brake(threshold=0.0, deceleration=20.0))
@@ -65,7 +63,7 @@ def test_rules_of_authority_hold_for_any_action_and_channel():
     assert faded > 1000
 
 
-@pytest.mark.parametrize("coupling", COUPLINGS, ids=lambda each: type(each).__name__)
+@pytest.mark.parametrize("coupling", COUPLINGS.values(), ids=COUPLINGS)
 def test_tool_pushes_an_object_with_the_force_of_friction(coupling):
     dull = {"object_mass": (0.3, 1.0), "restitution": (0.1, 0.4), "distance": 0.2}
     operator = {"type": "Trapezoid", "speed": (0.1, 0.4), "reaction": 9.0}
@@ -83,7 +81,8 @@ def test_tool_pushes_an_object_with_the_force_of_friction(coupling):
 
 def test_replay_that_touches_nothing_ends_after_the_recording():
     operator = ig.operators.Replay((0.0, 0.5, 1.0, 1.1), (0.0, -0.2, 0.3, 0.0))
-    info = final(steered(operator, scenario=AWAY), [0.0, *OWN[1:]])  # half of each command
+    *_, batch = played(steered(operator, scenario=AWAY), [0.0, *OWN[1:]])  # half of each command
+    info = batch.info()
     assert info["missed"][0]
     assert info["done_time"][0] == pytest.approx(1.104 + 0.3, abs=0.017)
     assert info["withheld_share"][0] == pytest.approx(0.5, rel=1e-12)  # of the ways in both directions
@@ -93,7 +92,7 @@ def test_command_of_a_person_is_checked_and_sent_at_a_tick():
     for link, arrives in ((None, [0.1, 0.2]), ({"delay": 0.1}, [0.0, 0.0])):  # sent at the end of the step
         envs = gym.make_vec(TELEOP, 2, operator={"type": "Person"}, uplink=link)
         envs.reset(seed=1)
-        for wrong in (math.nan, 0.51, -0.31):
+        for wrong in (np.nan, 0.51, -0.31):
             refused(lambda wrong=wrong, envs=envs: envs.unwrapped.command([0.0, wrong]), "command", str(wrong))
         envs.unwrapped.command([0.1, 0.2])
         assert envs.step(np.array([OWN, OWN], np.float32))[-1]["command"].tolist() == arrives

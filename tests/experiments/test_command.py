@@ -26,14 +26,7 @@ from experiments.controller import copy_setup
 from experiments.lab.study import last_run
 from experiments.studies import QUESTIONS
 from experiments.studies.__main__ import StudyCommand
-from impact_gym.support.command_line import (
-    READER_ENDED,
-    command_line,
-    command_of,
-    progress,
-    read_command,
-    until_reader_ends,
-)
+from impact_gym.support import command_line
 
 pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning:runpy")  # of a module that was imported before it runs
 
@@ -82,15 +75,15 @@ def test_command_ends_quietly_with_its_reader(words, monkeypatch):
     line = [sys.executable, "-m", *words.split()]
     with os.fdopen(writer, "wb") as closed:
         ended = subprocess.run(line, stdout=closed, stderr=subprocess.PIPE, cwd=Path(__file__).parents[2], check=False)
-    assert (ended.returncode, ended.stderr) == (READER_ENDED, b"")
+    assert (ended.returncode, ended.stderr) == (command_line.READER_ENDED, b"")
     monkeypatch.setattr(sys, "stdout", None)  # as Python sets it if standard output is closed
-    with until_reader_ends():
+    with command_line.until_reader_ends():
         pass
 
 
 def test_progress_has_a_clock_that_never_goes_back(monkeypatch):
     monkeypatch.setattr("tqdm.std.time", iter([9.0, 8.0] * 9).__next__)
-    with closing(progress("a", 2)) as bar:
+    with closing(command_line.progress("a", 2)) as bar:
         assert bar.format_dict["elapsed"] >= 0.0
 
 
@@ -116,9 +109,9 @@ def test_command_names_the_packages_it_lacks(exit_of, monkeypatch):
     ("study", StudyCommand(Path("out"), name="speed", quick=True, only=("cost",), processes=1)),
 ], ids=["tune", "train", "study"])  # fmt: skip
 def test_command_of_options_is_read_into_the_same_options(name, options):
-    words = shlex.split(command_of(name, options))
+    words = shlex.split(command_line.command_of(name, options))
     assert words[:2] == ["impact-gym", name]
-    assert read_command(name, type(options), words[2:]) == options
+    assert command_line.read_command(name, type(options), words[2:]) == options
 
 
 @pytest.mark.filterwarnings("always:odd")
@@ -128,10 +121,10 @@ def test_command_line_says_in_one_line_what_went_wrong(capsys):
         (ModuleNotFoundError("no yaml"), r"tune: .*yaml.*pip install 'impact-gym\[all"),
         (OSError(ENOSPC, "full"), r"tune: .*a file.*make room: go on$"), (KeyboardInterrupt(), "130"),
     ):  # fmt: skip
-        with pytest.raises(SystemExit, match=said), command_line("tune", "go on"):
+        with pytest.raises(SystemExit, match=said), command_line.command_line("tune", "go on"):
             raise error
     assert capsys.readouterr().err == "impact-gym tune: interrupted; go on\n"
-    with command_line("tune"):
+    with command_line.command_line("tune"):
         for _ in range(2):
             warnings.warn("odd", stacklevel=1)
     assert capsys.readouterr().err == "impact-gym tune: warning: odd\n"

@@ -17,7 +17,6 @@ from agents.setups import load_setup
 from agents.setups.evaluation import Evaluation
 from experiments import controller, limits
 from experiments.lab.statistics import Estimate
-from experiments.limits import Attempt, Search
 from experiments.report import choice
 from experiments.report.comparisons import PAPER, of_setup
 from experiments.report.limits import Limits, front, quantile, read_limited
@@ -50,7 +49,7 @@ def test_largest_weight_that_keeps_a_limit_is_found():
 
 
 def attempt(weight, time, value, limit=0.5):
-    return Attempt(weight, np.full(COUNT, time), {"max_velocity": Estimate(value, value, value)}, value / limit)
+    return limits.Attempt(weight, np.full(COUNT, time), {"max_velocity": Estimate(value, value, value)}, value / limit)
 
 
 def search_of(monkeypatch, *answers, **given):
@@ -64,7 +63,7 @@ def search_of(monkeypatch, *answers, **given):
         (tune.Tune, "search", lambda *_: {}),
     ):  # fmt: skip
         monkeypatch.setattr(module, name, value)
-    return Search(None, Limits(**given), tune.Tune(processes=0))
+    return limits.Search(None, Limits(**given), tune.Tune(processes=0))
 
 
 RULE, PROFILE = [attempt(2.0, 0.3, 0.9)], [attempt(0.5, 0.8, 0.3), attempt(1.0, 0.6, 0.5), attempt(2.0, 0.4, 0.7)]

@@ -14,10 +14,9 @@ from unittest import mock
 
 import numpy as np
 import pytest
-import simulated_time
 from made_up_policies import made_up_policy
 from refusal import refused
-from simulated_time import Network, Program, World
+from simulated_time import SHIM, Network, Program, World
 
 from agents.export.c_header import c_text
 from agents.export.documentation import Exported, of_name
@@ -136,7 +135,7 @@ def test_arm_waits_10_s_for_a_controller(tmp_path, monkeypatch):
 @pytest.fixture(scope="module")
 def probe(tmp_path_factory):
     folder = tmp_path_factory.mktemp("probe")
-    shutil.copy(Path(simulated_time.__file__).with_name("probe.h"), folder)
+    shutil.copy(SHIM.with_name("probe.h"), folder)
     names = {"name": "probe", "magic": MAGIC.decode(), "silence": SILENCE, "cycle": 0.016, "top": 20.0}
     (folder / "loop.c").write_text(c_text("loop.c.jinja", Path(command.__file__).parent, **names))
     return Program(folder / "loop.c")

@@ -245,10 +245,8 @@ def test_with_a_limit_the_changes_that_break_it_are_named():
     above = {"tool mass: 0.2 kg": 11, "tool mass: 0.3 kg": 30}
 
     def play(labels):  # the rivals' costs are far lower
-        velocity = np.where(np.arange(100) < above.get(labels["change"], 0), 0.6, 0.4) * (
-            labels["contestant"] == "seed-0"
-        )
-        return velocity, 20 * (labels["change"] == "tool mass: 0.4 kg")
+        ours = np.where(np.arange(100) < above.get(labels["change"], 0), 0.6, 0.4)
+        return ours * (labels["contestant"] == "seed-0"), 20 * (labels["change"] == "tool mass: 0.4 kg")
 
     play_varied(results, play)
     _, worst, details = robustness.where_it_fails(results, "seed-0")

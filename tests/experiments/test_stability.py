@@ -9,12 +9,11 @@ from solver_scenes import COUPLINGS, MOTION, ROBOTS, scene
 import impact_gym as ig
 from experiments.studies import stability
 from experiments.studies.solvers import approaches
-from experiments.studies.solvers.approaches import Approach
 from experiments.studies.stability import checks
 
 
 def approach_of(coupling=None, robot=None, e=0.5, motion=MOTION):
-    return Approach(scene(1e5, e, coupling, robot), motion, 0.8)
+    return approaches.Approach(scene(1e5, e, coupling, robot), motion, 0.8)
 
 
 def test_approaches_cover_their_ranges_by_number_alone():
@@ -105,7 +104,7 @@ def test_failures_name_runs_that_stop_hang_or_do_not_settle():
         ("finer_change", change, stability.SETTLED) for change in (2e-6, math.nan, None))):  # fmt: skip
         assert {*stability.failures(frame_of(row | {name: value}))["promise"]} == {promise.text}
     for_ever = scene(1e12, 1.0, distance=1e-7)  # bounces of 0.2 ms
-    stopped = checks.row_of(Approach(for_ever, ig.Trapezoid(2000.0, 20.0), 20.0)) | {"milliseconds": 1.0}
+    stopped = checks.row_of(approaches.Approach(for_ever, ig.Trapezoid(2000.0, 20.0), 20.0)) | {"milliseconds": 1.0}
     hung = approaches.random_approach(3).about | {"failure": "no answer within 120 s"}
     broken = stability.failures(frame_of(row, stopped, hung))
     assert [row[:2] for row in broken.select("scene", "promise").rows()] == [(k, stability.ENDED.text) for k in (1, 2)]

@@ -1,6 +1,7 @@
 """The runner of studies: kept rows, tables, the page; then small runs of all studies but `stock`, which trains."""
 
 import json
+import re
 from dataclasses import replace
 from functools import cache, partial
 from html import unescape
@@ -10,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-from browser_pages import stands_on_its_own, text_of_a_page_that_stands_on_its_own
+from browser_pages import stands_on_its_own
 from matplotlib.figure import Figure
 from refusal import refused
 
@@ -24,7 +25,6 @@ from experiments.lab.study import Cell, Findings, Measurement, Study, StudyOptio
 from experiments.studies import sensors, stability, teleop
 from experiments.studies.solvers import approaches
 from experiments.studies.speed import precision, rates
-from experiments.studies.stability import checks
 from impact_gym.support.sources import compiled_from
 
 FIGURES = {"paper": 1, "speed": 3, "stability": 0, "teleop": 0, "sensors": 0, "speed of trainings": 0}
@@ -183,7 +183,12 @@ def small(tmp_path_factory):
 @pytest.mark.parametrize("name", EVERY)
 def test_page_and_tables_have_what_was_measured_once(name, small, monkeypatch):
     run = small(name)
-    text = unescape(text_of_a_page_that_stands_on_its_own(run.folder, FIGURES[name])).replace("\N{NO-BREAK SPACE}", " ")
+    written = (run.folder / "index.html").read_text()
+    assert written.count("data:image/svg") == FIGURES[name]
+    assert not re.search(r"""(src|href)=["'](https?:|//)""", written)
+    assert all((run.folder / file).is_file() for file in re.findall('href="([^"#]+)"', written))
+    text = re.sub(r"<sup>([^<]+)</sup>", r"^\1", re.sub(r"<sub>(\w+)</sub>", r"_\1", written))  # V_p and m^1.5
+    text = unescape(text).replace("\N{NO-BREAK SPACE}", " ")
     findings = run.study.analyse(run, True)
     for words in (run.study.question, findings.answer, *(section.heading for section in findings.sections)):
         assert words.replace("^(1.5)", "^1.5") in text
@@ -203,7 +208,7 @@ def test_kept_cells_depend_on_measure_and_solver(name, monkeypatch):
     for measurement in studies.load(name).measurements:
         solver, *modules = measurement.digest.split(" ")
         assert {*modules} == {measurement.measure.__module__, *measurement.depends}
-        independent = measurement.measure == checks.truth_row
+        independent = measurement.measure == stability.checks.truth_row
         assert solver == ("" if independent else compiled_from())
 
 

@@ -8,9 +8,11 @@ import pytest
 from gymnasium.utils.env_checker import data_equivalence
 
 import impact_gym as ig
+from agents.baselines.filtered import FilteredProfile
+from agents.baselines.rule import View
 from impact_gym.envs.batch import Batch
 from impact_gym.kernels import PACKET
-from impact_gym.task import QUANTITIES, Task
+from impact_gym.task import QUANTITIES, ObservationSpec, Task
 
 ID, TELEOP = "ImpactApproach-v0", "ImpactTeleop-v0"
 IDS = sorted(name for name in gym.registry if name.startswith("ImpactApproach"))
@@ -40,16 +42,6 @@ def all_finite(value):
     if isinstance(value, (dict, list, tuple)):
         return all(map(all_finite, value.values() if isinstance(value, dict) else value))
     return not isinstance(value, (float, np.floating, np.ndarray)) or bool(np.isfinite(value).all())
-
-
-class Always:
-    """Commands one velocity (m/s) and acceleration (m/s^2), alone or in every row of a batch."""
-
-    def __init__(self, velocity, acceleration):
-        self.action = encode(velocity, acceleration)
-
-    def predict(self, observation, state=None, episode_start=None, deterministic=True):
-        return np.broadcast_to(self.action, (*np.shape(observation)[:-1], 2)), state
 
 
 class Given:
@@ -118,19 +110,13 @@ def steered(operator, rows=1, **options):
     return Batch(rows, Task(**ARM | {"operator": operator} | options), threads=1)
 
 
-def played(batch, action, seed=0, steps=10_000):
+def played(batch, action, steps=10_000):
     """Play every row to its end with one action; yields the batch after each step."""
-    batch.begin_seeded(seed, {})
+    batch.begin_seeded(0, {})
     while not batch.ended.all() and steps:
-        batch.step(np.broadcast_to(action, (batch.size, 3)), batch.ended)
+        batch.step(np.broadcast_to(action, (batch.size, len(action))), batch.ended)
         steps -= 1
         yield batch
-
-
-def final(batch, action, seed=0):
-    """Play every row to its end; return the columns of the info."""
-    *_, _ = played(batch, action, seed)
-    return batch.info()
 
 
 def sent(batch, action, steps=10_000):
@@ -143,3 +129,23 @@ def sent(batch, action, steps=10_000):
             rows = (last > number) & (last - number <= slots)
             kept[number][rows] = each.packets[rows, number % slots]
     return np.array(kept[: int(batch.links["packets"].min())]).T
+
+
+def started(kind, task):
+    return kind([parameter.start for parameter in kind.PARAMETERS]).for_task(task)
+
+
+def estimates(rows, steps, speed=0.3, kind=FilteredProfile, **options):
+    """Return arrays (steps, rows): error and spread of the estimate, age of the reading, whether there was a touch."""
+    task = Task(**options)
+    batch, rule = Batch(rows, task), started(kind, task)
+    batch.begin_seeded(0, {})
+    spec, state, found = ObservationSpec(task), None, []
+    action, none = np.tile([speed, 0.2], (rows, 1)), np.zeros(rows, bool)
+    for _ in range(steps):
+        view, state = rule.see(View(batch.observations, spec), state, None)
+        sensors, distance = batch.sensors(), batch.info()["scenario"]["distance"]
+        error = view["distance_estimate"] + sensors["position"] - distance
+        found.append((error, view["spread"], sensors["range_age"], batch.bodies().touched))
+        batch.step(action, none)
+    return (np.array(column) for column in zip(*found, strict=True))

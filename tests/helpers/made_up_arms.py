@@ -9,12 +9,12 @@ ELASTIC = {"joint_stiffness": (9e3, 4e3), "joint_damping": (5.0, 2.0)}  # N m/ra
 SHOULDER = '(name="shoulder".*?lower=)"-3" upper="3"'
 
 
-def link(name, mass=0.0, at=(0.0, 0.0, 0.0), moments=(0.01, 0.02, 0.02), extra=""):
+def link(name, mass=0.0, at=(0.0, 0.0, 0.0), moments=(0.01, 0.02, 0.02)):
     """A link; without mass it is a frame."""
     place, (xx, yy, zz) = " ".join(map(str, at)), moments
     inertia = f'<inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="0" ixz="0" iyz="0"/>'
     inertial = f'<inertial><origin xyz="{place}"/><mass value="{mass}"/>{inertia}</inertial>' if mass else ""
-    return f'<link name="{name}">{inertial}{extra}</link>'
+    return f'<link name="{name}">{inertial}</link>'
 
 
 def joint(name, kind, parent, child, at=(0.0, 0.0, 0.0), axis="0 0 1", turn="0 0 0", extra=""):

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
+from solver_scenes import MOTION, SPRING, scene
 
 import impact_gym as ig
 from experiments import reference
@@ -16,13 +17,8 @@ from experiments.reference.motion import Motion
 RTOL = 1e-10
 NODES = np.linspace(0.0, 1.0, 100) ** 2  # shares of a contact, with cubics in between; finest at its onset
 GRID = 20_000  # times of a blow
-MOTION, SPRING = ig.Trapezoid(1.0, 8.0, ig.Brake()), ig.SpringDamper(150.0)
 SCENE_FILE = Path(__file__).with_suffix(".toml").read_text("utf-8")
 Blow = namedtuple("Blow", "time force object_velocity")  # s, N, m/s; evenly and finely spaced
-
-
-def scene(k_c=1e5, e=0.5, m_p=0.25, coupling=SPRING, robot=None):
-    return ig.Scene(ig.Tool(0.125), ig.Object(m_p, 0.2505), ig.Contact(k_c, e), coupling, robot)
 
 
 def truths(of):
@@ -67,9 +63,9 @@ def log(of, rate=4000.0, noise=0.02, low_pass=None, bias=0.0, columns=("force",)
     return recorded
 
 
-SCENE = scene(1e4, 0.5)
+SCENE = scene(1e4, 0.5, SPRING)
 TIME = np.arange(0.303, 0.343, 1 / 4000)  # s
-BLOW = ig.simulate(scene(1e5, 0.5), MOTION, 0.5, trace=True).trace
+BLOW = ig.simulate(scene(1e5, 0.5, SPRING), MOTION, 0.5, trace=True).trace
 CLEAN = np.interp(TIME, BLOW.time, BLOW.contact_force)  # N
 NOISE = np.random.default_rng(0).normal(size=len(TIME))
 FORCE = CLEAN + 0.02 * CLEAN.max() * NOISE

@@ -11,7 +11,7 @@ machine. A slow test solves all lines again, and a quick test some of them (test
 
 import json
 from collections import defaultdict
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from functools import cache
 from itertools import product
 from pathlib import Path
@@ -24,6 +24,7 @@ import impact_gym as ig
 from experiments import reference
 from experiments.reference.motion import ContactRecord
 from impact_gym.scene import LAWS
+from impact_gym.support.dotted_paths import parts
 
 FILE = Path(__file__).parents[1] / "solver" / "reference_runs.json"
 GROUND = "friction", "stroke", "fixed", "friction and stroke and fixed"  # families of `on_rough_ground`
@@ -92,35 +93,29 @@ def cases():
         yield Run("barely parting", str(stiffness), barely_parting(stiffness))
 
 
-def packed(record):
-    """A record as a dict with its class's name as `type`."""
-    return {"type": type(record).__name__} | {field.name: getattr(record, field.name) for field in fields(record)}
-
-
-def unpacked(value):
-    if isinstance(value, dict):
-        numbers = {name: unpacked(each) for name, each in value.items() if name != "type"}
-        return getattr(ig, value["type"])(**numbers)
-    return tuple(value) if isinstance(value, list) else value
+def record_from(fields):
+    """The record of an object in the file that has a `type`, the name of its class."""
+    kind = fields.pop("type", None)
+    return getattr(ig, kind)(**fields) if kind else fields
 
 
 @cache
 def table():
     """Runs by family."""
     by_family = defaultdict(list)
-    for line in json.loads(FILE.read_text()):
+    for line in json.loads(FILE.read_text(), object_hook=record_from):
         result = line["outcome"]
         contacts = tuple(ContactRecord(**contact) for contact in result["contacts"])
         result |= {"contacts": contacts, "snap_through": tuple(result["snap_through"]), "contact_seconds": 0.0}
-        approach, outcome = tuple(map(unpacked, line["approach"])), reference.Reference(**result)
-        by_family[line["family"]].append(Run(**line | {"approach": approach, "outcome": outcome}))
+        line |= {"approach": tuple(line["approach"]), "outcome": reference.Reference(**result)}
+        by_family[line["family"]].append(Run(**line))
     return dict(by_family)
 
 
 if __name__ == "__main__":
-    lines = []
+    lines, encode = [], json.JSONEncoder(default=lambda record: {"type": type(record).__name__, **parts(record)}).encode
     for run in cases():
         outcome = asdict(run.solved())
         del outcome["contact_seconds"]  # of a machine
-        lines.append(json.dumps(run._asdict() | {"outcome": outcome}, default=packed))
+        lines.append(encode(run._asdict() | {"outcome": outcome}))
     FILE.write_text("[\n" + ",\n".join(lines) + "\n]\n")

@@ -5,7 +5,7 @@ operator, no range sensor, no noise of the force and no ranges of the set-up; fr
 coupling without stops. Set OPENBLAS_NUM_THREADS=1: more threads make small products of matrices up to 25 times as slow.
 """
 
-from math import cos, inf, log, log1p, pi, sqrt
+from math import cos, inf, log1p, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -21,8 +21,6 @@ from impact_gym.task.task import SETTLE_LIMIT
 RTOL = 1e-10  # relative tolerance in contacts
 FLOOR = 1e-12  # m/s, `Motion.floor`, as in the environment
 ROUNDING = 1e-9  # s, allowed rounding error of a time
-# functions by `Scale.curve`; before scaling, `_scaled` applies the function to the value and to both limits
-CURVES = {"linear": float, "log": log, "log1p": log1p}
 
 
 class Outcome(NamedTuple):
@@ -66,12 +64,13 @@ def play(task, scenario, actions, seed=None):
         x, v, *_ = command.at(motion.t)
         force, peak, deflection = list(received.values())[-1]
         heard = now > raised - ROUNDING
-        observations.append(_scaled(spec, {
+        values = {
             "position": x, "velocity": v, "time": now, "alarm": float(heard), "force": force, "force_peak": peak,
             "time_since_alarm": now - raised if heard else 0.0, "time_weight": 1.0, "distance_estimate": estimate - x,
             "range_noise": task.range_noise, "deflection": deflection, "reaction_delay": delay,
             **scenario, "distance": scenario["distance"] - x,
-        }))  # fmt: skip
+        }  # fmt: skip
+        observations.append([scaled(entry.scale, values[entry.id]) for entry in spec.entries])
         velocity, acceleration = (
             round(low + (min(max(float(share), -1.0), 1.0) + 1) / 2 * (high - low), 6)
             for share, (low, high) in zip(action, (task.velocity_range, task.acceleration_range), strict=True)
@@ -100,7 +99,7 @@ def play(task, scenario, actions, seed=None):
         while motion.t < end:
             motion.advance(end)
     velocity = motion.top_speed if chain.friction else motion.object_velocity
-    return Outcome(np.array(observations), velocity, approach_time, motion.peak_force, len(motion.onsets))
+    return Outcome(np.array(observations, np.float32), velocity, approach_time, motion.peak_force, len(motion.onsets))
 
 
 def _observation_times(task, alarm, by_reading):
@@ -111,11 +110,8 @@ def _observation_times(task, alarm, by_reading):
     return before + [start + k * period for k in range(1, 1 + int((end - ROUNDING - start) / period))] + [end]
 
 
-def _scaled(spec, values):
-    scaled = []
-    for entry in spec.entries:
-        scale = entry.scale
-        value, low, high = map(CURVES[scale.curve], (values[entry.id], scale.low, scale.high))
-        position = scale.scaled_low + (1.0 - scale.scaled_low) * ((value - low) / (high - low))
-        scaled.append(min(1.0, max(scale.scaled_low, position)))
-    return np.array(scaled, np.float32)
+def scaled(scale, value):
+    """The observation of a number: the function `scale.curve` is applied to it and to both limits."""
+    curve = {"linear": np.asarray, "log": np.log, "log1p": np.log1p}[scale.curve]
+    share = (curve(value) - curve(scale.low)) / (curve(scale.high) - curve(scale.low))
+    return np.clip(scale.scaled_low + (1.0 - scale.scaled_low) * share, scale.scaled_low, 1.0)

@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 
 import impact_gym as ig
+from impact_gym.support import dotted_paths
 
 CRUISE = ig.Trapezoid(1.0, 8.0)
 MOTION = ig.Trapezoid(1.0, 8.0, ig.Brake())
@@ -14,6 +15,7 @@ NODES = np.linspace(0.0, 0.35, 6)
 TABLE = ig.RobotTable(*map(tuple, [NODES, 4 + 3 * NODES**2, 1.5e5 * (1 + NODES), 40 + 100 * NODES]))
 SPRING, LINEAR = ig.SpringDamper(150.0), ig.SpringDamper(50.0)
 COUPLINGS = {"rigid": ig.Rigid(), "spring": ig.SpringDamper(150.0, 0.5), "bistable": ig.Bistable()}
+ROBOT = ig.Robot(5.225, 1.9e5, 50.4)
 ROBOTS = {"rigid robot": None, "robot": ig.Robot(5.0, 1.5e5, 50.0), "robot table": TABLE}
 EXPONENTS = [(1.5, 1.5), (1.5, 1.5), (1.0, 0.0), (1.2, 1.2), (2.0, 2.0)]
 
@@ -21,6 +23,17 @@ EXPONENTS = [(1.5, 1.5), (1.5, 1.5), (1.0, 0.0), (1.2, 1.2), (2.0, 2.0)]
 def scene(k_c=1e5, e=0.5, coupling=None, robot=None, *, m_t=0.125, m_p=0.25, distance=0.2505, friction=None, **law):
     target, contact = ig.Object(m_p, distance, friction), ig.Contact(k_c, e, **law)
     return ig.Scene(ig.Tool(m_t), target, contact, coupling or ig.Rigid(), robot)
+
+
+def with_every_number(coupling, robot=ROBOT, **law):
+    """Scene and motion as records by name, in which no number is None."""
+    chain = replace(scene(1e4, 0.5, coupling, robot, **law), object=ig.Object(0.25, 0.1, 0.1))
+    return {**dotted_paths.parts(chain), "motion": ig.Trapezoid(1.0, 8.0, ig.Brake(deceleration=5.0))}
+
+
+def split(records):
+    """The scene and the motion."""
+    return ig.Scene(**{name: record for name, record in records.items() if name != "motion"}), records["motion"]
 
 
 def log_uniform(random, low, high):

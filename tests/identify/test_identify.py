@@ -9,10 +9,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from recorded_hits import MOTION, SCENE_FILE, SPRING, blow, log, scene, truths
+from recorded_hits import SCENE_FILE, blow, log, truths
 from scipy.linalg import expm
 from scipy.stats import binomtest
-from solver_scenes import log_uniform
+from solver_scenes import MOTION, SPRING, log_uniform, scene
 
 import impact_gym as ig
 from agents import load_setup
@@ -20,12 +20,12 @@ from impact_gym.identification.__main__ import main, set_up
 from impact_gym.identification.held_out import HeldOut, Prediction
 from impact_gym.identification.search import scatter
 
-TRUTH, SLOW = scene(1e5, 0.5), replace(MOTION, speed=0.5)
+TRUTH, SLOW = scene(1e5, 0.5, SPRING), replace(MOTION, speed=0.5)
 BOTH = ("force", "object_velocity")
 
 
 def guess(coupling=SPRING, robot=None):
-    return scene(1e4, 0.8, 1.0, coupling, robot)
+    return scene(1e4, 0.8, coupling, robot, m_p=1.0)
 
 
 def assert_near(fit, of):
@@ -40,8 +40,8 @@ def log_width(fit):
 
 
 @pytest.mark.parametrize(("truth", "recorded", "sensor"), [
-    (scene(1e6, 0.5, coupling=ig.Rigid()), {}, None),
-    (scene(3e4, 0.7, 0.1, robot=ig.Robot(5.225, 1.5e5, 53.75)), {"columns": BOTH}, None),
+    (scene(1e6, 0.5), {}, None),
+    (scene(3e4, 0.7, SPRING, ig.Robot(5.225, 1.5e5, 53.75), m_p=0.1), {"columns": BOTH}, None),
     (TRUTH, {"columns": ("object_velocity",)}, None),
     (TRUTH, {"low_pass": 300.0, "bias": 2.0}, ig.Sensor(4000.0, 300.0, "estimated")),
 ], ids=["rigid", "robot, two columns", "velocity alone", "filter and bias"])  # fmt: skip
@@ -110,10 +110,10 @@ def test_interval_ends_where_the_misfit_grew_by_the_quantile(rate, estimated, gr
     recorded = log(TRUTH, rate=rate, noise=0.1, after=0.012)
     noise = 0.1 * log(TRUTH, noise=0.0)["force"].max()
     sensor = ig.Sensor(noise=None if estimated else noise)
-    fit = ig.identify(recorded, scene(1e4, 0.5), MOTION, ("contact.stiffness",), sensor)
+    fit = ig.identify(recorded, scene(1e4, 0.5, SPRING), MOTION, ("contact.stiffness",), sensor)
 
     def misfit(stiffness):  # over a fine grid of start times
-        trace = ig.simulate(scene(stiffness, 0.5), MOTION, 0.4, trace=True).trace
+        trace = ig.simulate(scene(stiffness, 0.5, SPRING), MOTION, 0.4, trace=True).trace
         starts = fit.start[0] + np.linspace(-1e-3, 1e-3, 1001)
         fitted = np.interp(recorded["time"] - starts[:, None], trace.time, trace.contact_force)
         return np.min(np.sum((fitted - recorded["force"]) ** 2, axis=1))
@@ -126,7 +126,7 @@ def test_interval_ends_where_the_misfit_grew_by_the_quantile(rate, estimated, gr
 
 
 def test_indistinguishable_names_an_object_too_heavy_to_weigh():
-    fit = ig.identify(log(scene(1e5, 0.5, 50.0), after=0.012), guess(), MOTION)
+    fit = ig.identify(log(scene(1e5, 0.5, SPRING, m_p=50.0), after=0.012), guess(), MOTION)
     low, high = fit.interval["object.mass"]
     assert 1.0 < low < 50.0 < high == math.inf
     assert f"the log does not determine object.mass: any value above {low:.3g} kg fits equally well" in str(fit)
@@ -139,14 +139,14 @@ def test_95_percent_intervals_contain_the_truth_that_often():
     for seed in range(40):
         rng = np.random.default_rng(seed)
         chain = ig.SpringDamper(log_uniform(rng, 40.0, 300.0), rng.uniform(0.3, 1.5)), ig.Robot(5.0, 2e5, 50.0)
-        truth = scene(log_uniform(rng, 1e4, 1e6), rng.uniform(0.15, 0.9), log_uniform(rng, 0.05, 0.4), *chain)
+        truth = scene(log_uniform(rng, 1e4, 1e6), rng.uniform(0.15, 0.9), *chain, m_p=log_uniform(rng, 0.05, 0.4))
         motion, rate = replace(MOTION, speed=rng.uniform(0.3, 1.2)), log_uniform(rng, 1e3, 8e3)
         low_pass = log_uniform(rng, 200.0, 2000.0) if rng.random() < 2 / 3 else None
         noise, bias = log_uniform(rng, 0.01, 0.1), rng.normal(0.0, 0.5)
         columns = BOTH[: rng.integers(1, 3)]
         sensor = dict.fromkeys(columns, ig.Sensor(rate, low_pass, "estimated"))
         recorded = log(truth, rate, noise, low_pass, bias, columns, seed, motion=motion)
-        fit = ig.identify(recorded, scene(1e5, 0.5, 0.25, *chain), motion, sensor=sensor)
+        fit = ig.identify(recorded, scene(1e5, 0.5, *chain), motion, sensor=sensor)
         held.append([low <= truths(truth)[name] <= high for name, (low, high) in fit.interval.items()])
     for hits in np.sum(held, axis=0):
         assert binomtest(int(hits), 40, 0.95).pvalue > 0.003  # 33 to 40 of 40
@@ -244,7 +244,7 @@ def test_slow_blows_are_predicted_from_fast_ones_and_reverse():
 
 
 def test_equal_blows_are_the_median_of_the_fitted_half():
-    logs = [log(scene(1e5, e), noise=1e-4, columns=("object_velocity",)) for e in (0.3, 0.5, 0.6, 0.7, 0.4)]
+    logs = [log(scene(1e5, e, SPRING), noise=1e-4, columns=("object_velocity",)) for e in (0.3, 0.5, 0.6, 0.7, 0.4)]
     with pytest.warns(UserWarning, match="object_velocity"):  # one restitution is fitted to several
         found = ig.hold_out(logs, TRUTH, MOTION, free=("contact.restitution",))
     ends = [np.mean(each["object_velocity"][-40:]) for each in logs]  # the last quarter of 160

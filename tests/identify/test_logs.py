@@ -7,10 +7,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from recorded_hits import FORCE, MOTION, NOISE, SCENE, TIME, log, put, scene, truths
+from recorded_hits import FORCE, NOISE, SCENE, TIME, log, put, truths
 from refusal import refused
 from scipy.optimize import brentq
 from scipy.stats import chi2, f, norm
+from solver_scenes import MOTION, SPRING, scene
 
 import impact_gym as ig
 from impact_gym.identification.log import Log, read
@@ -62,9 +63,8 @@ def test_file_of_a_recorder_is_read_in_seconds_and_newtons(name, tmp_path):
 @pytest.mark.parametrize("stamps", EXAMPLES["stamps"])
 def test_dates_and_clock_times_become_seconds_since_the_first(stamps, tmp_path):
     (tmp_path / "a.csv").write_text("time;force\n" + "\n".join(f"{stamp};1" for stamp in stamps.split()))
-    columns, said = read_columns(
-        tmp_path / "a.csv", {"time": Column("s", "time"), "force": Column("N", "force")}, ("time", "force")
-    )
+    wanted = {"time": Column("s", "time"), "force": Column("N", "force")}
+    columns, said = read_columns(tmp_path / "a.csv", wanted, tuple(wanted))
     assert columns["time"] == pytest.approx(EXAMPLES["stamps"][stamps], rel=1e-12)
     assert "time (s) from 'time' as dates or times" in said
 
@@ -216,7 +216,7 @@ def test_wide_interval_and_correlation_are_said_at_a_border(name, most):
 
 
 def test_misfit_is_a_warning_and_no_interval_is_claimed():
-    good = log(truth := scene(1e5, 0.4))
+    good = log(truth := scene(1e5, 0.4, SPRING))
     hum = 3.0 * np.sin(2.0 * np.pi * 300.0 * good["time"])
     with pytest.warns(UserWarning, match="force.* not white") as said:
         fit = ig.identify(good | {"force": good["force"] + hum}, truth, MOTION, ("object.mass",))

@@ -11,8 +11,9 @@ def world(tmp_path):
 
 
 @pytest.fixture
-def faked(browser, world):
-    made = Faked(browser, world, has_touch=True)
+def faked(browser, world, request):
+    """The page; a test can give other options."""
+    made = Faked(browser, world, **getattr(request, "param", {"has_touch": True}))
     yield made
     made.page.context.close()
     assert made.problems == []

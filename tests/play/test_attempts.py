@@ -89,10 +89,9 @@ def test_settings_and_pushes_reach_the_arm_until_a_silence(world):
     assert 2.0 < this.operator["time"][-1] < 3.0
 
 
-def test_try_is_kept_until_a_full_disk_has_room(world, monkeypatch):
+def test_try_is_kept_until_a_full_disk_has_room(world):
     page = Page(world)
-    with monkeypatch.context() as patch:
-        patch.setattr(attempts, "write", mock.Mock(side_effect=OSError("no room to write")))
+    with mock.patch.object(attempts, "write", side_effect=OSError("no room to write")):
         failed = world.play(page, page.push)
     assert (failed["kind"], failed["text"], world.session.busy) == ("failed", "no room to write", False)
     assert world.play(page, page.push).marks == []

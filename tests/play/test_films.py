@@ -126,7 +126,5 @@ def test_captions_of_films_are_not_cut_and_agree(faked):
             assert captions == [f"slid {length}" for length in heads]  # and none says that the object still moves
             for length, (this, _) in zip(heads, shown.values(), strict=True):
                 number, unit = length.split()
-                digits = len(number.partition(".")[2])
-                assert float(number) == pytest.approx(
-                    this.result["slide"] * {"mm": 1e3, "cm": 1e2}[unit], abs=0.5 / 10**digits
-                )
+                digits, in_unit = len(number.partition(".")[2]), this.result["slide"] * {"mm": 1e3, "cm": 1e2}[unit]
+                assert float(number) == pytest.approx(in_unit, abs=0.5 / 10**digits)

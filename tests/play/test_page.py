@@ -5,22 +5,19 @@ import signal
 import numpy as np
 import pytest
 from browser_pages import opened
-from faked_page import Faked
 from numpy.polynomial import Polynomial
 from play_client import SETUP, served
 
 from experiments.play import attempts
-from experiments.play.attempts import BUSY
 
 
-@pytest.mark.parametrize(("width", "hint"), [(1280, "hold \u2192, or drag the stick"), (390, "drag the stick")])
-def test_page_says_whether_it_is_connected(browser, world, width, hint):
+@pytest.mark.parametrize(("faked", "hint"), [
+    ({"width": 1280}, "hold \u2192, or drag the stick"), ({"width": 390}, "drag the stick"),
+], indirect=["faked"])  # fmt: skip
+def test_page_says_whether_it_is_connected(faked, hint):
     """A phone has no keys."""
-    faked = Faked(browser, world, width=width)
     assert faked.before == ["connecting\u2026"] * 2
     assert (faked.text("#state"), faked.text("#go").split()[0]) == (hint, "Begin")
-    faked.page.context.close()
-    assert faked.problems == []
 
 
 def test_keys_move_the_stick_and_let_it_go(faked):
@@ -121,7 +118,7 @@ def test_gentle_tries_win_the_levels_and_end_in_free_play(faked, world):
     press, (near, far) = faked.page.keyboard.press, world.session.setups[faked.setup]["distance"]
     ends = {  # what the page says of the results; the last wins, though the computer was too late to count the try
         "did not touch": {"missed": 1.0}, "It slid 1.01 cm": {"slide": 0.010001}, "It slid 2.0 cm": {},
-        f"Does not count. T{BUSY[1:]}.": {"slide": 0.009999, "marks": [BUSY]},
+        f"Does not count. T{attempts.BUSY[1:]}.": {"slide": 0.009999, "marks": [attempts.BUSY]},
     }  # fmt: skip
     for delay, seen, place in ((0, True, 0.15), (0.2, True, 0.85), (0.2, False, None)):
         for says, result in ends.items():
@@ -170,9 +167,9 @@ def test_chart_has_a_dot_for_each_try_that_counts(faked):
     assert [len(faked.ask("all(given)", f"#chart .{kind}", "cx")) for kind in ("dot", "ring")] == [4, 1]
 
 
-def test_page_fits_and_a_tool_finds_it_accessible(browser, world):
+@pytest.mark.parametrize("faked", [{"stopped": False, "reduced_motion": "reduce", "bypass_csp": True}], indirect=True)
+def test_page_fits_and_a_tool_finds_it_accessible(faked):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
-    faked = Faked(browser, world, stopped=False, reduced_motion="reduce", bypass_csp=True)
     faked.end()
     faked.page.click("#choices summary")
     for width, scheme in ((390, "light"), (1280, "dark")):

@@ -4,7 +4,7 @@ import asyncio
 import json
 import signal
 import socket
-from types import SimpleNamespace
+from unittest import mock
 
 import pytest
 from play_client import Page, Simulated, choices, near_setup, pushed, served
@@ -17,8 +17,7 @@ from websockets.protocol import State
 from websockets.sync.client import connect
 
 from experiments.play import attempts
-from experiments.play import server as serving
-from experiments.play.server import RATE, Site
+from experiments.play.server import RATE, Site, serve
 
 OURS = {"Host": "localhost:80", "Origin": "http://localhost:80"}
 
@@ -60,29 +59,17 @@ def test_films_are_of_the_tries_in_the_folder_alone(world):
         assert (says in answer.body.decode(), answer.status_code) == (True, 404 if "%2f" in name else 200)
 
 
-class Socket:
-    """A closing connection whose page sends these texts, one each `pause` (s), and then ends as `gone` says."""
+def talk(world, *messages, pause=0.0, gone=None):
+    """Let a page send messages, one each `pause` (s), and then end as `gone` says; return why the server closes it."""
 
-    protocol = SimpleNamespace(state=State.CLOSING)
+    def received():
+        for each in (*messages, ConnectionClosed(None, gone)):
+            world.now += pause
+            yield each if isinstance(each, str | bytes | Exception) else json.dumps(each)
 
-    def __init__(self, world, *texts, pause=0.0, gone=None):
-        self.world, self.texts, self.pause, self.gone = world, [*texts], pause, gone
-
-    async def recv(self):
-        self.world.now += self.pause
-        if not self.texts:
-            raise ConnectionClosed(None, self.gone)
-        return self.texts.pop(0)
-
-    async def close(self, *code_and_reason):
-        self.closed = code_and_reason
-
-
-def talk(world, *messages, **how):
-    """Let a page of the world's server send messages; return the reason with which the server closes it."""
-    page = Socket(world, *(each if isinstance(each, str | bytes) else json.dumps(each) for each in messages), **how)
+    page = mock.AsyncMock(**{"recv.side_effect": received(), "protocol.state": State.CLOSING})  # nothing is sent to it
     asyncio.run(Site(world.session, "token", 80, world.time).serve_page(page))
-    code, reason = page.closed
+    code, reason = page.close.await_args.args
     assert (code, world.session.page) == (1008, None)
     return reason
 
@@ -122,7 +109,7 @@ def test_folder_has_one_server_and_keeps_files_that_are_no_tries(world):
     assert ([entry["name"] for entry in session.history], len(session.left_out)) == (["good"], 2)
     assert len([*world.folder.glob("*.json")]) == 3
     with socket.create_server(("127.0.0.1", 0)) as taken:
-        refused(lambda: serving.serve(session, taken.getsockname()[1], print), "port must be free, or 0 for any")
+        refused(lambda: serve(session, taken.getsockname()[1], print), "port must be free, or 0 for any")
     session.close()
 
 

@@ -1,6 +1,5 @@
 """Every run obeys the laws of forces, momentum and energy, and closed forms, whatever the trace and the units."""
 
-import math
 from dataclasses import replace
 from functools import cache
 from itertools import product
@@ -32,7 +31,7 @@ def test_contact_force_is_that_of_eq_5_and_never_pulls():
         rate = trace.tool_velocity - trace.object_velocity
         expected = np.zeros_like(trace.time)
         for contact in outcome.contacts:
-            inside = (trace.time > contact.start) & (trace.time < (contact.end or math.inf))
+            inside = (trace.time > contact.start) & (trace.time < (contact.end or np.inf))
             chi = 1.5 * (1 - e) / e * k_c / contact.approach_velocity  # eq. 7
             force = (k_c + chi * rate) * np.maximum(penetration, 0.0) ** 1.5
             expected[inside] = np.maximum(force, 0.0)[inside]
@@ -55,7 +54,7 @@ def test_coupling_force_is_that_of_eq_17_or_of_imposed_motion():
             continue
         k, zeta = chain.coupling.stiffness, chain.coupling.damping_ratio
         force = k * (trace.flange_position - trace.tool_position)
-        force += 2 * zeta * math.sqrt(k * m) * (trace.flange_velocity - trace.tool_velocity)
+        force += 2 * zeta * np.sqrt(k * m) * (trace.flange_velocity - trace.tool_velocity)
         assert np.abs(trace.coupling_force - force).max() <= 1e-10 * np.abs(force).max()
 
 
@@ -83,7 +82,7 @@ def test_more_contacts_snaps_and_instants_than_allocated():
     assert min(len(many.contacts), len(once.trace.time)) > 4096  # the first allocation, of instants
     assert (len(once.contacts), once.trace.time[-1]) == (1, pytest.approx(1.5))
     approach, start = np.array([(contact.approach_velocity, contact.start) for contact in many.contacts]).T
-    assert approach == pytest.approx(math.sqrt(2 * 20.0 * 1e-7), rel=1e-8)
+    assert approach == pytest.approx(np.sqrt(2 * 20.0 * 1e-7), rel=1e-8)
     assert np.diff(start) == pytest.approx(start[1] - start[0], rel=1e-8)
     elastic = replace(COUPLINGS["bistable"], stop_damping_ratio=0.0)
     never = scene(1e3, 0.1, elastic, distance=1e3), ig.Trapezoid(1.0, 1e3)
@@ -125,7 +124,7 @@ def test_simulate_does_not_depend_on_the_units(coupling, robot):
 @pytest.mark.parametrize("features", [["friction"], ["stroke"], ["fixed"], ["friction", "stroke", "fixed"]])
 def test_energy_grows_at_most_by_the_work_of_the_ground(features):
     """Energy (J) of object, contact, tool and coupling in the frame of the steady motion."""
-    for seed in range(0, 240, 12):  # without a robot
+    for seed in (seed for seed in range(60) if seed % 12 < 4):  # without a robot
         chain, motion, duration = on_rough_ground(seed, *features)
         v, m, k_c = motion.speed, chain.contact.stiffness_exponent, chain.contact.stiffness
         trace = ig.simulate(chain, replace(motion, brake=None), duration + 0.2, rtol=1e-11, trace=True).trace

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from episode_runs import ID
 from random_tasks import EVERYTHING_DRAWN, STEERED_DRAWN
+from reference_task import scaled
 from refusal import Allowed, check_number, refused
 from scipy.stats import kstest
+from solver_scenes import split, with_every_number
 
 import impact_gym as ig
 from impact_gym import quantities as table
@@ -23,11 +25,8 @@ from impact_gym.task.episodes import reset_options
 from impact_gym.task.task import ARGUMENTS
 
 EVERY_ROW = pytest.mark.parametrize("row", QUANTITIES.values(), ids=list(QUANTITIES))
-CONTACT, BRAKE = ig.Contact(1e5, 0.5, "fixed"), ig.Brake(deceleration=5.0)
-SPRING, ROBOT = ig.SpringDamper(150.0, stroke=0.02), ig.Robot(5.0, 1e5, 50.0)
-SPRUNG = ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.25, 0.1), CONTACT, SPRING, ROBOT)
-SCENES = [SPRUNG, dataclasses.replace(SPRUNG, coupling=ig.Bistable())]
-RECORDS = [{**dotted_paths.parts(scene), "motion": ig.Trapezoid(1.0, 8.0, BRAKE)} for scene in SCENES]
+COUPLINGS = ig.SpringDamper(150.0, stroke=0.02), ig.Bistable()
+RECORDS = [with_every_number(coupling, dissipation="fixed") for coupling in COUPLINGS]
 NUMBERS = {path: records for records in RECORDS for path in dotted_paths.flatten(records)}
 """The records by each dotted path of a number in them."""
 
@@ -59,8 +58,7 @@ def inputs(row):
         take = lambda value: Task(**{part: given | {field: value}})  # noqa: E731
         yield f"{row.id}[1]", lambda value: take((given[field], value)), take
     if row.id in ("duration", "rtol"):
-        motion = RECORDS[0]["motion"]
-        yield row.id, lambda value: ig.simulate(SPRUNG, motion, **{row.id: value}), None
+        yield row.id, lambda value: ig.simulate(*split(RECORDS[0]), **{row.id: value}), None
 
 
 @EVERY_ROW
@@ -131,13 +129,6 @@ def test_numbers_are_drawn_evenly_and_independently():
         correlation = np.corrcoef([*uniform.values()]) - np.eye(len(uniform))
         assert np.abs(correlation).max() < 5 / math.sqrt(EPISODES)
     assert {row.id for row in QUANTITIES.values() if row.draw} == here
-
-
-def scaled(scale, value):
-    """The observation of a number by the table."""
-    curve = {"linear": np.asarray, "log": np.log, "log1p": np.log1p}[scale.curve]
-    share = (curve(value) - curve(scale.low)) / (curve(scale.high) - curve(scale.low))
-    return np.clip(scale.scaled_low + (1.0 - scale.scaled_low) * share, scale.scaled_low, 1.0)
 
 
 @pytest.mark.parametrize("arguments", ALL_DRAWN.values(), ids=list(ALL_DRAWN))

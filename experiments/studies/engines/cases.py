@@ -75,10 +75,6 @@ class Case:
         doubled_ratio = damping_factor("exact", restitution, 1.0, 0.0)
         return float(doubled_ratio * (self.linear_stiffness * self.reduced_mass) ** 0.5)
 
-    def velocity_after(self, restitution: float) -> float:
-        """Velocity (m/s) of the object after the blow of a free tool."""
-        return self.reduced_mass / self.object_mass * (1.0 + restitution) * self.speed
-
     @property
     def motion(self) -> ig.Trapezoid:
         """Motion of the flange, or of the rigid tool that stands for a free one."""
