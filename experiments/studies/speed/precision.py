@@ -16,7 +16,7 @@ from experiments.studies.solvers.comparison import APPROACH, CALL, CONTACT, CVOD
 
 ERRORS = {f"1e-{k}": float(f"1e-{k}") for k in range(3, 13)}  # m/s, at which solvers are compared
 SHOWN = ("1e-4", "1e-6", "1e-8", "1e-10")  # of them in the table
-RTOLS = tuple(float(f"1e-{k}") for k in range(2, 14))
+RTOLS = (1e-2, 3e-3, 1e-3, 3e-4, *(float(f"1e-{k}") for k in range(4, 14)))
 STEPS = tuple(np.geomspace(1.2, 0.1, 8).round(3).tolist())  # of plain C, in the units of a contact
 SEARCH = {4: 1e-2, 6: 1e-3, 8: 1e-4}  # of plain C: for each order, the relative change at which a search ends
 SOLVERS = {  # colour (legible on a light and on a dark page), marker, and which of ours it is compared with
