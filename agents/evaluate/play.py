@@ -11,9 +11,9 @@ returns a controller.
 """
 
 import base64
-import importlib
 from collections.abc import Callable, Mapping
 from functools import lru_cache
+from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
@@ -96,14 +96,11 @@ _policy = lru_cache(maxsize=64)(lambda content: Ensemble.unpacked(*unpacked(base
 
 
 def _object(name: str) -> Controller:
-    module, colon, attribute = name.partition(":")
-    if not (module and colon and attribute):
-        raise ValueError(f"no controller {name!r}: name it as module:object")
     try:
-        attached = getattr(importlib.import_module(module), attribute)
+        attached = resolve_name(name)
         controller = attached() if isinstance(attached, type) or not hasattr(attached, "predict") else attached
     except Exception as error:
-        raise ValueError(f"no controller {name!r}: {error!r}") from error
+        raise ValueError(f"no controller {name!r} as module:object: {error!r}") from error
     if not callable(getattr(controller, "predict", None)):
         raise ValueError(f"{name!r} is no controller: it has no method `predict`")
     return controller
