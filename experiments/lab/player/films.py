@@ -76,9 +76,8 @@ def choose(baseline: Episodes, policy: Episodes) -> dict[str, int]:
         extremes |= {f"The {lowest}": -values, f"The {highest}": values}
     reasons: dict[int, list[str]] = {}
     for reason, values in extremes.items():
-        if reasons and values.min() == values.max():
-            continue
-        reasons.setdefault(int(touched[np.argmax(values)]), []).append(reason)
+        if not reasons or values.min() < values.max():
+            reasons.setdefault(int(touched[np.argmax(values)]), []).append(reason)
     for name, missed in (("controller", policy.missed), ("rule", baseline.missed)):
         if missed.any():
             reasons.setdefault(int(np.argmax(missed)), []).append(f"Missed by the {name}")
