@@ -61,7 +61,8 @@ def missing(extras: tuple[str, ...]) -> list[str]:
     return [name for name in names if not any(Distribution.discover(name=name))]
 
 
-def run() -> None:
+@until_reader_ends()
+def main() -> None:
     """Run the command that the first argument names, or print help or versions."""
     name, *arguments = sys.argv[1:] or ["--help"]
     commands = {name: command for group in COMMANDS.values() for name, command in group.items()}
@@ -78,12 +79,6 @@ def run() -> None:
     sys.argv[1:] = arguments
     sys.path.append("")  # current folder, for a user's module:object; last, so that our `experiments` comes first
     runpy.run_module(command.module, run_name="__main__", alter_sys=True)
-
-
-def main() -> None:
-    """Call `run`, and end without a message if the reader of standard output has ended."""
-    with until_reader_ends():
-        run()
 
 
 if __name__ == "__main__":

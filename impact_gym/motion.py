@@ -6,7 +6,7 @@ from typing import Annotated
 import numpy as np
 
 from impact_gym.parameters import SI, Parameters
-from impact_gym.support.validation import one_of, rising
+from impact_gym.support.validation import rising
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,14 +28,6 @@ class Trapezoid(Parameters, path="motion"):
     speed: float  # m/s
     acceleration: float  # m/s^2
     brake: Brake | None = None
-
-    def __post_init__(self) -> None:
-        Parameters.__post_init__(self)
-        one_of("Trapezoid.brake", self.brake, Brake, type(None))
-
-    def fits(self) -> bool:
-        """Return True: all speeds and accelerations fit together."""
-        return True
 
     @property
     def deceleration(self) -> float:

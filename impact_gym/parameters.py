@@ -7,7 +7,7 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, ClassVar, Literal, get_args, get_origin
 
 from impact_gym.quantities import BY_PATH, Limits, Quantity
-from impact_gym.support.validation import choice, flag, number, numbers, one_of, whole
+from impact_gym.support.validation import Range, choice, flag, interval, number, numbers, one_of, whole
 
 
 class SI:
@@ -26,9 +26,10 @@ class Parameters:
     """Base class of dataclasses that check their numbers when an object is made, and store them as floats.
 
     The limits of a field come from the row "{path}.{field}" of `quantities` or from an annotation such as
-    `Annotated[float, SI("m", above=0)]` or with a row of `quantities`. A number of the type int is whole. Fields of the
-    types bool, str and Literal are checked, too. Other fields without limits, and those in `checked_by_itself`, are not
-    checked. A field with the default or a type None may be None. A sequence of numbers is stored as a tuple.
+    `Annotated[float, SI("m", above=0)]` or with a row of `quantities`. A number of the type int is whole; a `Range` may
+    be one number. Fields of the types bool, str, Literal and a class like this are checked, too. Other fields without
+    limits, and those in `checked_by_itself`, are not checked. A field with the default or a type None may be None. A
+    sequence of numbers is stored as a tuple.
     """
 
     __slots__ = ()
@@ -76,22 +77,23 @@ def _check(name: str, hint: Any, path: str) -> Callable[[Any], Any] | None:
     """Return a function that checks a value, calls it `name` in messages, and returns it as it is stored; or None."""
     described = BY_PATH.get(path) or next(iter(getattr(hint, "__metadata__", ())), None)
     hint = hint.__origin__ if get_origin(hint) is Annotated else hint
-    hint = get_args(hint)[0] if isinstance(hint, UnionType) else hint  # such as float | None
+    kinds = get_args(hint) if isinstance(hint, UnionType) else (hint,)  # such as float | None
+    hint = kinds[0]
     if isinstance(described, SI | Quantity):
-        by_type: dict[Any, Callable[..., Any]] = {float: number, int: _whole}
+        by_type: dict[Any, Callable[..., Any]] = {float: number, int: _whole, Range: interval}
         return partial(by_type.get(hint, numbers), name, unit=described.unit, **described.limits._asdict())
     if hint is bool or hint is str or get_origin(hint) is Literal:
-        return partial(_word, name, hint)
-    return None
+        return partial(_word, name, (hint,))
+    return partial(_word, name, kinds) if isinstance(hint, type) and issubclass(hint, Parameters) else None
 
 
-def _word(name: str, hint: Any, value: Any) -> Any:
-    if get_origin(hint) is Literal:
-        choice(name, value, get_args(hint))
-    elif hint is bool:
+def _word(name: str, kinds: tuple[Any, ...], value: Any) -> Any:
+    if get_origin(kinds[0]) is Literal:
+        choice(name, value, get_args(kinds[0]))
+    elif kinds[0] is bool:
         flag(name, value)
     else:
-        one_of(name, value, str)
+        one_of(name, value, *kinds)
     return value
 
 

@@ -24,6 +24,7 @@ MAX_STEPS = 1_000_000
 
 APPROACHES_PER_THREAD = 16  # least number of approaches per thread, if a sweep uses several threads
 _SNAP_ROWS, _TRACE_ROWS = 64, 4096  # lengths of the arrays in the first try of a run
+_RECORDED = CONTACT, TRACE, np.float64  # types of the arrays of a recorder, see `approach_rows`
 
 _CHAIN_NAMES = {f"{body}_velocity": f"final_{body}_velocity" for body in ("object", "tool", "flange")}
 _CHAIN_NAMES |= {"contact_count": "contacts", "snap_count": "snaps", "detection_time": "detection"}
@@ -56,7 +57,7 @@ def simulate(
     plan, table = pack_approach(scene, motion, duration)
     sizes = 0, _TRACE_ROWS if trace else 0, _SNAP_ROWS if isinstance(scene.coupling, Bistable) else 0
     while True:
-        recorder = _recorder(*sizes, duration) if any(sizes) else None
+        recorder: Any = (*map(np.empty, sizes, _RECORDED), max(1e-3, duration / 1e5)) if any(sizes) else None
         status, time, needed, outcome = run_one(plan, table, LOCAL_SHARE * rtol, MAX_STEPS, recorder)
         contacts, points, snaps = needed
         if len(outcome.contacts) == contacts and points <= sizes[1] and snaps <= sizes[2]:
@@ -69,11 +70,6 @@ def simulate(
         passages = tuple(times[:snaps].tolist())
         outcome = outcome._replace(trace=Trace.of(rows[:points]) if trace else None, snap_through=passages)
     return outcome
-
-
-def _recorder(contacts: int, points: int, snaps: int, duration: float) -> tuple[Any, ...]:
-    """Return a recorder, see `approach_rows`, of a run of `duration` (s)."""
-    return np.empty(contacts, CONTACT), np.empty(points, TRACE), np.empty(snaps), max(1e-3, duration / 1e5)
 
 
 def sweep(

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from agents.baselines.rule import FIXED, SLOWEST, Parameter, Rule, View
-from impact_gym.support.validation import number
 from impact_gym.task import Task
 from impact_gym.task.task import ACCELERATION_RANGE, VELOCITY_RANGE
 
@@ -30,7 +29,6 @@ class ConstantSpeed(Rule, tunable=True):
             deceleration: m/s^2, 1 to 20; None: `acceleration`.
         """
         braking = acceleration if deceleration is None else deceleration
-        number("speed", np.min(speed), "m/s", above=0)
         super().__init__(np.stack(np.broadcast_arrays(speed, acceleration, braking), axis=-1))
 
     def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:

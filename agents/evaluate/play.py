@@ -1,4 +1,4 @@
-"""Let a controller play scenarios. The arguments of `play` are plain data that can be sent to another machine.
+"""Scenarios and controllers as plain data that can be sent to another machine, and what is made of them.
 
 Scenarios have one of three forms. `{"set": name, "count": n}`: the first n of a shipped set. `{"table":
 {field: values}, "seed": s, "count": n}`: the first n of the table, with the seeds s, s + 1, ... `{"ranges": ranges,
@@ -11,10 +11,9 @@ returns a controller.
 """
 
 import base64
-import importlib
-import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import lru_cache
+from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,7 @@ from numpy.typing import NDArray
 
 from agents.baselines import Clairvoyant, RandomActions, Rule, tuned_rule
 from agents.baselines.rule import ANY
-from agents.evaluate.scenario_batch import MEASURED, ScenarioBatch
+from agents.evaluate.scenario_batch import ScenarioBatch
 from agents.policies import Controller, Ensemble
 from agents.policies.policy import FORMAT
 from agents.setups import load_baseline
@@ -31,24 +30,6 @@ from impact_gym.support.validation import shown
 from impact_gym.task import ScenarioRanges, Task, evaluation_sets
 from impact_gym.task.evaluation_sets import EvaluationSet
 from impact_gym.task.scenario import FIELDS
-
-
-def play(
-    controller: Mapping[str, Any], scenarios: Mapping[str, Any], weights: Sequence[float] = (2.0,),
-    environment: Mapping[str, Any] | None = None, lenient: bool = False,
-) -> dict[str, NDArray[Any]]:  # fmt: skip
-    """Return the results (weights, scenarios) at each time weight (m/s per s), and the scenarios' fields (scenarios,).
-
-    `environment` must hold no scenario and no time weight. For `lenient` see `ScenarioBatch`.
-    """
-    with warnings.catch_warnings(action="ignore", category=UserWarning):  # hard scenarios are intended
-        task = Task(**(environment or {}))
-        played = []
-        for weight in weights:
-            batch = scenario_batch_of(scenarios, weight, task, lenient)
-            played.append(batch.play(controller_of(controller, weight, task)))
-    measured = [name for name in MEASURED if getattr(played[0], name) is not None]
-    return {name: np.array([getattr(each, name) for each in played]) for name in measured} | played[0].scenario
 
 
 def environment_and_scenarios(
@@ -115,14 +96,11 @@ _policy = lru_cache(maxsize=64)(lambda content: Ensemble.unpacked(*unpacked(base
 
 
 def _object(name: str) -> Controller:
-    module, colon, attribute = name.partition(":")
-    if not (module and colon and attribute):
-        raise ValueError(f"no controller {name!r}: name it as module:object")
     try:
-        attached = getattr(importlib.import_module(module), attribute)
+        attached = resolve_name(name)
         controller = attached() if isinstance(attached, type) or not hasattr(attached, "predict") else attached
     except Exception as error:
-        raise ValueError(f"no controller {name!r}: {error!r}") from error
+        raise ValueError(f"no controller {name!r} as module:object: {error!r}") from error
     if not callable(getattr(controller, "predict", None)):
         raise ValueError(f"{name!r} is no controller: it has no method `predict`")
     return controller

@@ -55,7 +55,7 @@ class ScenarioBatch:
     def __init__(
         self, scenarios: EvaluationSet | int, count: int, task: Task | None = None, *, copies: int = 1,
         time_weight: Sequence[float] | None = None, threads: int | None = None, quiet: bool = False,
-        lenient: bool = False, max_steps: int = MAX_STEPS,
+        lenient: bool = False, max_steps: int = MAX_STEPS, trace_points: int = 0,
     ) -> None:  # fmt: skip
         """Make a batch of `copies * count` rows: row k plays scenario `k % count`.
 
@@ -69,11 +69,12 @@ class ScenarioBatch:
             quiet: do not warn if a policy was trained for another environment.
             lenient: raise no error for a scenario whose status is not "ok", but count it as missed.
             max_steps: number of integration steps after which the solver gives up a scenario.
+            trace_points: largest number of points in the time histories of a row.
         """
         frozen = scenarios if isinstance(scenarios, EvaluationSet) else EvaluationSet(scenarios, count, {})
         self.seed, self.count, self.quiet, self.lenient = frozen.seed, count, quiet, lenient
         self._task, self._copies = task or Task(), copies
-        self._batch = Batch(copies * count, self._task, threads, max_steps=max_steps)
+        self.batch = Batch(copies * count, self._task, threads, trace_points, max_steps)
         if frozen.count < count:
             raise ValueError(f"count must be at most the {frozen.count} scenarios of the set, got {count}")
         self._fixed = {name: np.tile(values[:count], copies) for name, values in frozen.scenario.items()}
@@ -106,7 +107,7 @@ class ScenarioBatch:
         Raises:
             RuntimeError: the status of a scenario is not "ok", and `lenient` is false.
         """
-        batch = self._batch
+        batch = self.batch
         if isinstance(controller, Policy) and not self.quiet:
             controller.warn_if_elsewhere(self._task)
         batch.begin_seeded(self.seed, {**self._fixed, **(record or {})}, self._copies)

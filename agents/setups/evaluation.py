@@ -64,7 +64,7 @@ class Evaluation(Options):
     these ranges instead, unless the set is `hard`."""
     scenarios: Annotated[int, SI("-", at_least=2)] = 2000
     """Number of scenarios to play, from the first of the set on."""
-    varied: Mapping[str, Any] = field(default_factory=lambda: usual({}, COMPLIANT))
+    varied: Mapping[str, Any] = field(default_factory=lambda: usual(Task(), COMPLIANT))
     """Values of arguments, such as robot.stiffness; one argument is changed at a time. An argument has a list of values
     or a table {times = [...]} of multiples of the set-up's value. For `scenario`: names of sets, or "as trained"; for
     scenario.distance and the other numbers of a scenario: ranges. A user's set-up always gets `surroundings`, too."""
@@ -92,25 +92,23 @@ class Evaluation(Options):
         nominal = {name: None if value == "rigid" else value for name, value in nominal.items()}
         environment = {**environment, **nominal}
         with prefixed_errors("evaluation.nominal"):
-            Task(**environment)
+            task = Task(**environment)
         for name, values in table(content, "varied", "evaluation.").items():
             list(changes(name, values, environment, strict=True))
         count = evaluation_sets.load(content.get("set", cls.set)).count
-        defaults = {"varied": usual(environment, robot), "scenarios": min(cls.scenarios, count)}
+        defaults = {"varied": usual(task, robot), "scenarios": min(cls.scenarios, count)}
         content = {**defaults, **content, "nominal": nominal}
         if own:
-            content["varied"] = {**surroundings(environment), **content["varied"]}
+            content["varied"] = {**surroundings(task), **content["varied"]}
         return from_table(cls, content, "evaluation")
 
 
-def usual(environment: Mapping[str, Any], robot: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Return the default variations of an environment: VARIED, and some values that depend on the environment.
+def usual(task: Task, robot: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Return the default variations of a task: VARIED, and some values that depend on the task.
 
     A rigid robot is also replaced by `robot`. A spring without stops also gets a `stroke` of 40 % of its deflection at
     full acceleration, if `Task.drawn` is empty. With the default scenario ranges, the set `hard` is also played.
     """
-    with warnings.catch_warnings(action="ignore", category=UserWarning):
-        task = Task(**environment)
     varied = dict(VARIED)
     for name in ("reaction_delay", "force_noise", "range_noise"):
         own = task.by_path()[name]
@@ -125,15 +123,13 @@ def usual(environment: Mapping[str, Any], robot: Mapping[str, Any] | None = None
     return {name: values for name, values in varied.items() if values}
 
 
-def surroundings(environment: Mapping[str, Any]) -> dict[str, Any]:
-    """Return ranges of objects just below and just beyond those of an environment, and biases of its sensors.
+def surroundings(task: Task) -> dict[str, Any]:
+    """Return ranges of objects just below and just beyond those of a task, and biases of its sensors.
 
-    The place comes first. A range that is outside has a fifth of the width of the environment's range, in logarithms
-    for numbers that are drawn log-uniformly. A distance sensor gets a bias of either sign by the standard deviation of
-    its error; the bias of the force reading is drawn, with either sign.
+    The place comes first. A range that is outside has a fifth of the width of the task's range, in logarithms for
+    numbers that are drawn log-uniformly. A distance sensor gets a bias of either sign by the standard deviation of its
+    error; the bias of the force reading is drawn, with either sign.
     """
-    with warnings.catch_warnings(action="ignore", category=UserWarning):
-        task = Task(**environment)
     varied, own = dict[str, Any](), task.by_path() | task.ranges
     for name in sorted(FIELDS, key=lambda each: each != "distance"):
         row, (low, high) = QUANTITIES[name], getattr(task.scenario, name)

@@ -21,7 +21,7 @@ class Training(Options):
 
     steps: Count = 12_000_000
     """Total number of environment steps. The training rounds this number up to whole rollouts."""
-    time_weight: Range = (0.3, 8.0)
+    time_weight: Annotated[Range, QUANTITIES["time_weight"]] = (0.3, 8.0)
     """Smallest and largest time weight (cost of a second until the touch, m/s per s). Each episode draws a time weight
     log-uniformly from this range. The policy observes this time weight, and works at each time weight in the range."""
     weight_power: Share = 0.5
@@ -89,7 +89,6 @@ class Training(Options):
         if self.teacher and self.steps < self.imitation_steps:
             raise ValueError(f"steps must be at least imitation_steps, {self.imitation_steps} (no unit), "
                              f"got {self.steps} (no unit)")  # fmt: skip
-        object.__setattr__(self, "time_weight", QUANTITIES["time_weight"].interval(self.time_weight))
 
     def changed(self, changes: Mapping[str, Any]) -> Self:
         """Return the settings after `changes` (lists become tuples); ValueError: an unknown name or a wrong value."""

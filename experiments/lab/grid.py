@@ -1,17 +1,17 @@
 """Cells (see `study.Cell`) that play a controller in scenarios, and functions that evaluate the rows of cells."""
 
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import polars as pl
 
-from agents.evaluate import play as jobs
-from agents.evaluate.scenario_batch import MEASURED
+from agents.evaluate.play import controller_of, environment_and_scenarios, scenario_batch_of
+from agents.evaluate.scenario_batch import MEASURED, Episodes
 from experiments.lab.statistics import Floats, Front, Resamples
 from experiments.lab.study import Cell, Row
 from impact_gym.task import Task
-from impact_gym.task.scenario import FIELDS
 
 # modules on which the result of `play` depends
 PLAYED = ("impact_gym", "agents.baselines", "agents.evaluate", "agents.policies.networks", "agents.policies.policy",
@@ -23,7 +23,7 @@ def cell(
     weights: Sequence[float], **more: Any,
 ) -> Cell:  # fmt: skip
     """Return a cell for `play`; the arguments after `labels` are passed to `play`."""
-    environment, where = jobs.environment_and_scenarios(environment, scenarios)
+    environment, where = environment_and_scenarios(environment, scenarios)
     arguments = {"controller": controller, "environment": environment, "scenarios": where, "weights": list(weights)}
     return Cell(labels, {**arguments, **more})
 
@@ -32,15 +32,23 @@ def play(
     controller: Mapping[str, Any], environment: Mapping[str, Any], scenarios: Mapping[str, Any],
     weights: Sequence[float], lenient: bool = False,
 ) -> pl.DataFrame:  # fmt: skip
+    """Let a controller play at each weight (m/s per s); return `rows_of` all. For `lenient` see `ScenarioBatch`.
+
+    `environment` must hold no scenario and no time weight.
+    """
+    with warnings.catch_warnings(action="ignore", category=UserWarning):  # hard scenarios are intended
+        task, frames = Task(**environment), []
+        for weight in weights:
+            batch = scenario_batch_of(scenarios, weight, task, lenient)
+            frames.append(rows_of(batch.play(controller_of(controller, weight, task)), weight))
+    return pl.concat(frames)
+
+
+def rows_of(played: Episodes, weight: float) -> pl.DataFrame:
     """Return a row for each episode: weight (m/s per s), index and fields of the scenario, results and cost (m/s)."""
-    results = jobs.play(controller, scenarios, weights, environment, lenient)
-    shape, weight = results["missed"].shape, np.array(weights)[:, None]
-    columns: dict[str, Any] = {"weight": weight, "episode": np.arange(shape[1])}
-    columns |= {name: results[name] for name in (*FIELDS, *MEASURED) if name in results}
-    columns["cost"] = results["object_velocity"] + weight * results["approach_time"]
-    # misses last, to round as `Episodes.loss` does
-    columns["cost"] += environment.get("missed_cost", Task.missed_cost) * results["missed"]
-    return pl.DataFrame({name: np.broadcast_to(values, shape).ravel() for name, values in columns.items()})
+    results = {name: getattr(played, name) for name in MEASURED if getattr(played, name) is not None}
+    about = {"weight": weight, "episode": np.arange(len(played.missed)), **played.scenario}
+    return pl.DataFrame({**about, **results, "cost": played.loss(weight)})
 
 
 def groups(frame: pl.DataFrame, *by: str) -> Iterator[tuple[tuple[Any, ...], pl.DataFrame]]:

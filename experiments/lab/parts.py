@@ -63,13 +63,9 @@ class Picture:
     wide: bool = True  # whether the picture is alone in its row
 
 
-class Terms(dict[str, str]):
-    """Words, each with its explanation."""
-
-
 @dataclass(frozen=True)
 class Section:
-    """A heading, and below it paragraphs (str), tables, pictures, terms and further sections."""
+    """A heading, and below it paragraphs (str), tables, pictures, words with explanations (dict), further sections."""
 
     heading: str
     parts: Sequence[Any]

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from experiments.lab.player.films import NO_ROW, ended_history
 from experiments.play.assistance import NAMES, PERIOD, PERSON, RANGES, assistance, environment_of, playable
 from impact_gym.envs.batch import Batch, Bodies
 from impact_gym.envs.single import TRACE_POINTS
@@ -27,6 +26,7 @@ ROUNDING = 1e-6  # allowed rounding error of times, as a fraction of a control p
 SLOWEST = 16.0  # largest `Attempt.slow`
 MAX_TEXT, MAX_NUMBER = 4096, 2.0**64  # limits: characters of set-up and marks together; absolute value of a number
 FORMAT = "impact_gym try 3"
+NO_ROW = np.zeros(1, np.bool_)  # rows of a batch of one episode that a step leaves out: none
 SPARE = 3  # control periods that each recording lasts beyond the horizon of an episode
 
 
@@ -57,7 +57,7 @@ def replayed(this: Attempt) -> History:
         batch.step([action], NO_ROW)
     if not batch.ended[0]:
         raise RuntimeError("the try does not end at its last action: the environment has changed since it was recorded")
-    return ended_history(batch)
+    return batch.history(0)
 
 
 class Live:

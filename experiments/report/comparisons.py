@@ -242,7 +242,7 @@ def of_policies(
             note += f"; its baselines were tuned for {setup.name}, not for this environment"
         bound = clairvoyant(setup, of_environment) if setup and not changes else None
         evaluation = setup.evaluation if setup else Evaluation.of_table({}, trained_in)
-        varied = {**surroundings(trained_in), **evaluation.varied}
+        varied = {**surroundings(policy.task), **evaluation.varied}
         evaluation = replace(evaluation, typical=time_weight or evaluation.typical, varied=varied)
         rivals = baselines(names or (setup.against if setup else ()), environment, evaluation.typical)
         seeds = _seeds({name: policy}, name, evaluation, time_weight)

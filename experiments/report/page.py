@@ -10,7 +10,7 @@ import numpy as np
 from markupsafe import Markup
 
 from agents.evaluate.play import controller_of, frozen_of
-from experiments.lab.parts import Section, Tab, Table, Terms
+from experiments.lab.parts import Section, Tab, Table
 from experiments.lab.player import choose, films, fragment
 from experiments.lab.statistics import RESAMPLES
 from experiments.lab.study import Findings, Frames
@@ -21,7 +21,7 @@ from experiments.report.limits import front
 from impact_gym.task import Task
 
 OF_OTHERS = 3  # number of scenarios in the film of a controller that is not recommended
-TERMS = Terms({
+TERMS = {
     "V_p": "final velocity of the object; with friction, its largest velocity. Means are over the touched objects.",
     "T": "time until the first touch; with an operator, until all is done.",
     "the paper's rule": "accelerates to 1 m/s at 8 m/s², and brakes at 8 m/s² from 16 ms after the contact force "
@@ -36,7 +36,7 @@ TERMS = Terms({
     "clairvoyant search": "the best approach that a search found for each scenario; it knows the object.",
     "impact-gym train SETUP --seeds N": "trains the policies, and resumes where it was stopped",
     "impact-gym tune SETUP --bound": "tunes the baselines and searches the clairvoyant approaches",
-})  # fmt: skip
+}  # fmt: skip
 
 
 class Analysis:

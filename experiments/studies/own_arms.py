@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+import tomli_w
 
 from agents import check
 from agents.evaluate.play import controller_of, scenario_batch_of
@@ -31,10 +32,12 @@ LIMITED_EVERY = 3  # one of so many arms also gets a limit
 DEPENDS = ("impact_gym", "agents", "experiments.controller", "experiments.limits", "experiments.report")
 FRESH_SEED, FRESH = 80_000_000, 1000  # first seed and number of scenarios that tuning, choice and report did not use
 OUTSIDE = 1.1  # objects outside the set-up's range stand up to this factor nearer or farther
-SHORT = {"training.steps": 20_000, "training.envs": 64, "training.seeds": 2, "training.validation_scenarios": 50,
-         "baselines.budget": 48, "evaluation.scenarios": 200, "evaluation.weights": [1.0, 2.0],
-         "evaluation.curve": [1.0, 2.0, 4.0], "evaluation.varied.tool_mass.times": [1.3]}  # fmt: skip
-"""Entries of the set-ups that make the searches short."""
+SHORT = {
+    "training": {"steps": 20_000, "envs": 64, "seeds": 2, "validation_scenarios": 50}, "baselines": {"budget": 48},
+    "evaluation": {"scenarios": 200, "weights": [1.0, 2.0], "curve": [1.0, 2.0, 4.0],
+                   "varied": {"tool_mass": {"times": [1.3]}}},
+}  # fmt: skip
+"""Tables of the set-ups that make the searches short."""
 
 
 def arm(seed: int) -> dict[str, Any]:
@@ -68,15 +71,6 @@ def arm(seed: int) -> dict[str, Any]:
                      "restitution": [0.1, log(0.3, 0.9)], "distance": [near, far]},
         **mounts, **senses, **one_of({}, {}, robot), **one_of({}, {}, {"friction": log(0.05, 0.6)}),
     }  # fmt: skip
-
-
-def toml(content: Mapping[str, Any], path: str = "") -> Iterator[str]:
-    """Yield the lines of a TOML file; each value has its dotted path."""
-    for name, value in content.items():
-        if isinstance(value, Mapping):
-            yield from toml(value, f"{path}{name}.")
-        else:
-            yield f"{path}{name} = {json.dumps(value)}"
 
 
 def faults(path: Path, limited: bool) -> Iterator[tuple[str, str]]:
@@ -149,7 +143,7 @@ def judged(seed: int) -> list[dict[str, str]]:
     """Return a row for each fault of a random arm; of one without faults, a row with an empty fault."""
     with TemporaryDirectory() as folder:
         path = Path(folder, f"arm-{seed}.toml")
-        path.write_text("\n".join([*toml(SHORT), *toml(arm(seed), "environment.")]))
+        path.write_text(tomli_w.dumps(SHORT | {"environment": arm(seed)}))
         found = list[tuple[str, str]]()
         try:
             found += faults(path, seed % LIMITED_EVERY == 0)

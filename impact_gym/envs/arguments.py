@@ -14,7 +14,8 @@ def documented(kind: Kind) -> Kind:
     """Replace the placeholders in the docstring of a class, such as OBSERVATION_TABLE, by Markdown tables and lists."""
     pairs = zip(SCENARIO, ScenarioRanges().by_id().values(), strict=True)
     scenario = [
-        (f"`{row.id}`", f"{low:g} - {high:g}", distribution_in_words(row), row.unit) for row, (low, high) in pairs
+        (f"`{row.id}`", f"{low:g} - {high:g}", "log-uniform" if row.by_ratio(low) else "uniform", row.unit)
+        for row, (low, high) in pairs
     ]
     set_up: dict[str, list[str]] = {}  # names of the numbers with the same range and unit
     for row in SET_UP:
@@ -43,11 +44,6 @@ def table(rows: Rows) -> list[str]:
 def unit_of(row: Quantity) -> str:
     """Return the unit of a number, and the function that is applied to the number before it is scaled."""
     return row.unit + {"linear": "", "log": ", as log", "log1p": ", as log(1 + F)"}[row.scale.curve]
-
-
-def distribution_in_words(row: Quantity) -> str:
-    """Return in words how a number of the scenario is distributed."""
-    return "log-uniform" if row.draw and row.draw.by_ratio else "uniform"
 
 
 def observation_table() -> Rows:

@@ -1,7 +1,6 @@
 """The command `impact-gym identify log.csv --scene my.toml [--hold-out] [--out setup.toml]`."""
 
 import argparse
-import sys
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
@@ -16,6 +15,7 @@ from impact_gym.identification.log import read
 from impact_gym.motion import Brake, Trapezoid
 from impact_gym.quantities import QUANTITIES, SCENARIO, SET_UP
 from impact_gym.scene import Contact, Object, Scene, Tool
+from impact_gym.support.command_line import command_line
 from impact_gym.support.dotted_paths import record_from
 from impact_gym.support.files import parsed, whole_file, write_file
 from impact_gym.support.validation import numbers, one_of, shown
@@ -79,9 +79,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--out", type=Path, help="file for the set-up; default: print the set-up")
     parser.add_argument("--plot", type=Path, help="file for a figure of the fit and its residuals; needs Matplotlib")
     options = parser.parse_args(arguments)
-    try:
+    with command_line("identify"):
         if find_spec("tomli_w") is None:
-            raise ImportError("writing a set-up needs tomli-w: pip install tomli-w")
+            raise RuntimeError("writing a set-up needs tomli-w: pip install tomli-w")
         content = parsed(options.scene, "TOML", tomllib.loads)
         scene, motions, sensors = parse(content, options.free, len(options.logs))
         logs = [read(name, name) for name in options.logs]
@@ -102,8 +102,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if options.plot:
             with whole_file(options.plot) as file:
                 result.plot().savefig(file, format=options.plot.suffix[1:] or None)
-    except (ImportError, OSError, RuntimeError, ValueError) as error:
-        sys.exit(f"impact-gym identify: {error}")
 
 
 def parse(

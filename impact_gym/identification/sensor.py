@@ -9,7 +9,7 @@ from scipy.interpolate import PPoly
 from scipy.linalg import solve_banded
 
 from impact_gym.parameters import SI, Parameters
-from impact_gym.support.validation import number, one_of
+from impact_gym.support.validation import number
 
 Array = NDArray[np.float64]
 
@@ -63,7 +63,6 @@ class Sensor(Parameters):
 
     def __post_init__(self) -> None:
         Parameters.__post_init__(self)
-        one_of("Sensor.cell", self.cell, LoadCell, type(None))
         if self.bias != "estimated":
             object.__setattr__(self, "bias", number("Sensor.bias", self.bias, "(the column's unit), or 'estimated'"))
 

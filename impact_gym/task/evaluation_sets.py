@@ -4,7 +4,6 @@ A shipped set has the scenario of the first episode for each of the seeds `seed`
 a set, call `envs.reset(options={"scenario": set.scenario})` of a batch of `set.count` environments.
 """
 
-import hashlib
 import io
 import json
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_gym.quantities import SCENARIO
+from impact_gym.support.archive import refuse_altered
 from impact_gym.support.files import named_file, parsed
 from impact_gym.support.validation import unit_text
 
@@ -37,9 +37,7 @@ def load(name: str | Path) -> EvaluationSet:
 def _frozen(text: str) -> EvaluationSet:
     head, _, table = text.partition("\n")
     about = json.loads(head.removeprefix("# "))
-    checksum = hashlib.sha256(f"{about['seed']},{about['count']}\n{table}".encode()).hexdigest()
-    if checksum != about["sha256"]:
-        raise ValueError(f"its checksum is {checksum}, not {about['sha256']}: it was altered")
+    refuse_altered(about["sha256"], f"{about['seed']},{about['count']}\n{table}")
     heads, _, rows = table.partition("\n")
     columns = np.loadtxt(io.StringIO(rows), delimiter=",", comments=None, ndmin=2).T.copy()
     by_head = dict(zip(heads.split(","), columns, strict=True))

@@ -1,10 +1,11 @@
 """Ranges of a scenario, and named sets of ranges."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from itertools import product
-from typing import Any
+from typing import Annotated, Any
 
+from impact_gym.parameters import Parameters
 from impact_gym.quantities import QUANTITIES, SCENARIO
 from impact_gym.support.dotted_paths import record_from
 from impact_gym.support.validation import Range, WrongTypeError, choice, shown
@@ -13,18 +14,13 @@ FIELDS = tuple(quantity.id for quantity in SCENARIO)
 
 
 @dataclass(frozen=True)
-class ScenarioRanges:
+class ScenarioRanges(Parameters):
     """Ranges from which an episode draws its scenario; a number is a range of width 0."""
 
-    object_mass: Range = (0.1, 2.5)  # kg
-    contact_stiffness: Range = (1e3, 1e6)  # N/m^1.5
-    restitution: Range = (0.1, 1.0)  # -
-    distance: Range = (0.15, 0.35)  # m
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            checked = QUANTITIES[field.name].interval(getattr(self, field.name), f"ScenarioRanges.{field.name}")
-            object.__setattr__(self, field.name, checked)
+    object_mass: Annotated[Range, QUANTITIES["object_mass"]] = (0.1, 2.5)  # kg
+    contact_stiffness: Annotated[Range, QUANTITIES["contact_stiffness"]] = (1e3, 1e6)  # N/m^1.5
+    restitution: Annotated[Range, QUANTITIES["restitution"]] = (0.1, 1.0)  # -
+    distance: Annotated[Range, QUANTITIES["distance"]] = (0.15, 0.35)  # m
 
     @classmethod
     def of(cls, value: "ScenarioRanges | Mapping[str, Any] | str") -> "ScenarioRanges":

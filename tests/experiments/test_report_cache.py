@@ -10,11 +10,10 @@ import pytest
 from made_up_comparison import played
 from refusal import refused
 
-from agents.evaluate.play import play
 from agents.setups import load_setup
 from agents.setups.evaluation import Evaluation
 from experiments.controller import ControllerOptions, copy_setup, exporting, stages
-from experiments.lab import study
+from experiments.lab import grid, study
 from experiments.lab.parts import Section
 from experiments.report import __main__ as report
 from experiments.report import comparisons, episodes, page
@@ -102,8 +101,8 @@ def test_weight_at_rule_time_gives_the_rules_mean_time():
     policy, rule = comparisons.of_setup(load_setup("linear-blind"), scenarios).policy, {"baseline": "paper-trapezoid"}
     assert (policy.weights[0], policy.weights[-1]) == load_setup("linear-blind").training.time_weight
     weight = episodes.weight_at_rule_time(policy.controller, arm, scenarios, policy.weights)
-    ours, late = (play(policy.controller, each, [weight], arm) for each in (elsewhere, scenarios))
-    chosen, other = (play(rule, each, environment=arm) for each in (elsewhere, scenarios))
+    ours, late = (grid.play(policy.controller, arm, each, [weight]) for each in (elsewhere, scenarios))
+    chosen, other = (grid.play(rule, arm, each, [2.0]) for each in (elsewhere, scenarios))
     assert ours["approach_time"].mean() == pytest.approx(chosen["approach_time"].mean(), abs=1e-3)
     assert ours["approach_time"].mean() <= chosen["approach_time"].mean()
     assert late["approach_time"].mean() == pytest.approx(other["approach_time"].mean(), rel=0.03)

@@ -6,10 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.evaluate.scenario_batch import RESULTS, Episodes
+from agents.evaluate.scenario_batch import RESULTS, Episodes, ScenarioBatch
 from agents.policies import Controller
 from impact_gym.couplings import Bistable
-from impact_gym.envs.batch import Batch
 from impact_gym.envs.single import TRACE_POINTS
 from impact_gym.render.chain import object_radius
 from impact_gym.render.film import FRAME_RATE, History
@@ -29,7 +28,6 @@ EXTREMES = (  # fields of a scenario, and what the objects with the smallest and
     ("distance", "nearest object", "farthest object"),
 )  # fmt: skip
 AFTER = 0.15  # s, simulated time that the film shows after the end of the last contact; with friction, after the rest
-NO_ROW = np.zeros(1, np.bool_)  # rows of a batch of one episode that a step leaves out: none
 
 Columns = dict[str, NDArray[np.float64]]
 
@@ -57,10 +55,7 @@ def thin(columns: Columns, limits: Mapping[str, float], coarse: float = 1.0) -> 
 
 
 def choose(baseline: Episodes, policy: Episodes) -> dict[str, int]:
-    """Return the numbers of notable scenarios by the reason for each choice; ValueError: the scenarios differ."""
-    scenario = policy.scenario
-    if any(not np.array_equal(values, baseline.scenario[name]) for name, values in scenario.items()):
-        raise ValueError("baseline and policy must have played the same scenarios")
+    """Return the numbers of notable scenarios, which both have played, by the reason for each choice."""
     touched_by_both = ~(baseline.missed | policy.missed)
     touched = np.flatnonzero(touched_by_both) if touched_by_both.any() else np.arange(len(touched_by_both))
     ours, gain = policy.object_velocity, baseline.object_velocity - policy.object_velocity
@@ -77,12 +72,12 @@ def choose(baseline: Episodes, policy: Episodes) -> dict[str, int]:
         "The highest contact force": np.maximum(baseline.peak_force, policy.peak_force)[touched],
     }
     for field, lowest, highest in EXTREMES:
-        extremes |= {f"The {lowest}": -scenario[field][touched], f"The {highest}": scenario[field][touched]}
+        values = policy.scenario[field][touched]
+        extremes |= {f"The {lowest}": -values, f"The {highest}": values}
     reasons: dict[int, list[str]] = {}
     for reason, values in extremes.items():
-        if reasons and values.min() == values.max():
-            continue
-        reasons.setdefault(int(touched[np.argmax(values)]), []).append(reason)
+        if not reasons or values.min() < values.max():
+            reasons.setdefault(int(touched[np.argmax(values)]), []).append(reason)
     for name, missed in (("controller", policy.missed), ("rule", baseline.missed)):
         if missed.any():
             reasons.setdefault(int(np.argmax(missed)), []).append(f"Missed by the {name}")
@@ -143,22 +138,9 @@ def play(
     controller: Controller, seed: int, number: int, record: Mapping[str, float], options: Mapping[str, Any]
 ) -> History:
     """Play scenario `number` as `ScenarioBatch` does, and return its history."""
-    batch = Batch(1, Task(**options), threads=1, trace_points=TRACE_POINTS)
-    batch.begin_seeded(seed + number, record)
-    state, start = None, np.ones(1, np.bool_)
-    while not batch.ended[0]:
-        seen = batch.observations.copy()
-        actions, state = controller.predict(seen, state=state, episode_start=start, deterministic=True)
-        batch.step(actions, NO_ROW)
-        start = NO_ROW
-    if (status := batch.info(0)["status"]) != "ok":
-        raise RuntimeError(f"scenario {number}: {status}")
-    return ended_history(batch)
-
-
-def ended_history(batch: Batch) -> History:
-    """Return the history of the only episode of a batch, which has ended."""
-    return History(batch.trace(0), batch.info(0), batch.tasks[0], batch.episode_state(0), ended=True)
+    scenario = ScenarioBatch(seed + number, 1, Task(**options), threads=1, quiet=True, trace_points=TRACE_POINTS)
+    scenario.play(controller, record)
+    return scenario.batch.history(0)
 
 
 def scene_of(runs: Mapping[str, History], coarse: float = 1.0) -> dict[str, Any]:

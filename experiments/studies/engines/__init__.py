@@ -108,8 +108,7 @@ def analyse(frames: Frames, quick: bool) -> Findings:
 
 def measurement(name: str) -> Measurement:
     """Return the measurement of an engine: a module here, or the full name of a module elsewhere."""
-    own = [f"{__name__}.{part}" for part in ("cases", "mujoco")]
-    depends = (*SOLVER, *own, engine(name)[0].__name__, "experiments.reference.command")
+    depends = (*SOLVER, f"{__name__}.cases", engine(name)[0].__name__, "experiments.reference.command")
     return Measurement(name, partial(cells, name=name), measured, depends, failed=lambda _: {}, seconds=SECONDS)
 
 

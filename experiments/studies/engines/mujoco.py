@@ -5,8 +5,6 @@ impedance d, the part of the acceleration by other forces that the constraint re
 (https://mujoco.readthedocs.io/en/stable/modeling.html#solver-parameters).
 """
 
-from typing import Any
-
 from experiments.studies.engines.cases import RADIUS, Case
 from experiments.studies.engines.drive import DAMPER, Step, Variant
 
@@ -23,27 +21,21 @@ MODEL = """<mujoco>
 ASKED = "k and c by solref"
 
 
-def model(case: Case, step: float, impedance: float | None, integrator: str) -> Any:
-    """Return MuJoCo's model of a case; without an `impedance`, its contact has all default numbers."""
+def build(case: Case, step: float, impedance: float | None = None, integrator: str = "Euler") -> Step:
+    """Return a step of MuJoCo; without an `impedance`, its contact has all default numbers."""
     import mujoco
 
     k, c = case.linear_stiffness / case.reduced_mass, case.linear_damping(case.asked_restitution) / case.reduced_mass
     pair = "" if impedance is None else f'solref="{-k} {-c}" solimp="{impedance} {impedance} 0.001 0.5 2"'
     words = {"tool": case.tool_mass, "object": case.object_mass, "ahead": case.bodies[1][0], "pair": pair}
-    return mujoco.MjModel.from_xml_string(MODEL.format(step=step, radius=RADIUS, integrator=integrator, **words))
-
-
-def build(case: Case, step: float, impedance: float | None = None, integrator: str = "Euler") -> Step:
-    """Return a step of MuJoCo."""
-    import mujoco
-
-    loaded = model(case, step, impedance, integrator)
-    data = mujoco.MjData(loaded)
+    xml = MODEL.format(step=step, radius=RADIUS, integrator=integrator, **words)
+    model = mujoco.MjModel.from_xml_string(xml)
+    data = mujoco.MjData(model)
     data.qvel[0] = case.start_speed
 
     def advance(push: float) -> tuple[float, float, float]:
         data.qfrc_applied[0] = push
-        mujoco.mj_step(loaded, data)
+        mujoco.mj_step(model, data)
         return data.qpos[0], *data.qvel
 
     return advance

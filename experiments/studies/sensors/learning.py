@@ -18,6 +18,7 @@ from agents.policies import Controller
 from agents.setups import Training, load_setup
 from agents.setups.training import SLOTS
 from agents.setups.tuned import read_tuned
+from experiments.lab import grid
 from experiments.studies.sensors.ahead import LookAhead
 from impact_gym.task import ObservationSpec, Task
 
@@ -161,13 +162,13 @@ def trained(name: str, seed: int, steps: int) -> Controller:
 
 
 def learn(inputs: str, seed: int, steps: int, scenarios: Mapping[str, Any], weights: Sequence[float]) -> pl.DataFrame:
-    """Train a network with PPO, and return the rows of `rows_of`."""
+    """Train a network with PPO, and return the rows of `judged`."""
     controller = trained(inputs, seed, steps)
-    return pl.concat([rows_of(controller, SETUP.task, scenarios, weight) for weight in weights])
+    return pl.concat([judged(controller, SETUP.task, scenarios, weight) for weight in weights])
 
 
 def rival(rival: str, weight: float, tuning: int, generations: int, scenarios: Mapping[str, Any]) -> pl.DataFrame:
-    """Tune one of RIVALS in `tuning` scenarios, from the shipped parameters on; return the rows of `rows_of`."""
+    """Tune one of RIVALS in `tuning` scenarios, from the shipped parameters on; return the rows of `judged`."""
     kind, shipped = RIVALS[rival], tuned_rule(read_tuned("sensed-robust-profile")).at(weight).parameters
     task = SETUP.task.changed({"privileged": "privileged" in kind.NEEDS})
     options: Any = {"time_weight": [weight] * POPULATION, "copies": POPULATION, "threads": 1, "lenient": True}
@@ -183,11 +184,10 @@ def rival(rival: str, weight: float, tuning: int, generations: int, scenarios: M
 
     search = tuple(map(near, kind.limited(ranges), shipped.tolist()))
     best = minimise(losses, search, 1, POPULATION, generations, seed=1).parameters[0] if generations else shipped
-    return rows_of(kind.of(best, ranges).for_task(task), task, scenarios, weight)
+    return judged(kind.of(best, ranges).for_task(task), task, scenarios, weight)
 
 
-def rows_of(controller: Controller, task: Task, scenarios: Mapping[str, Any], weight: float) -> pl.DataFrame:
+def judged(controller: Controller, task: Task, scenarios: Mapping[str, Any], weight: float) -> pl.DataFrame:
     """Return the cost (m/s) at a time weight (m/s per s), and whether the object is missed, for each scenario."""
     played = scenario_batch_of(scenarios, weight, task).play(controller)
-    columns = {"episode": np.arange(len(played.missed)), "missed": played.missed, "cost": played.loss(weight)}
-    return pl.DataFrame({"weight": weight, **columns})
+    return grid.rows_of(played, weight).select("weight", "episode", "missed", "cost")

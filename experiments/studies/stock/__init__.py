@@ -59,11 +59,6 @@ def played(controller: Any, task: Task) -> Episodes:
     return ScenarioBatch(FIRST_SEED, SCENARIOS, task, time_weight=[WEIGHT], threads=1).play(controller)
 
 
-def cost_of(controller: Any, setup: str) -> float:
-    """Return the mean cost in the test scenarios of a set-up, with the charge for missed objects, m/s."""
-    return float(played(controller, load_setup(setup).task).loss(WEIGHT).mean())
-
-
 def trained(algorithm: str, setup: str, seed: int, settings: dict[str, Any]) -> list[Row]:
     """Train with settings for rl_zoo3; return the cost at each time in MARKS and at the end."""
     import torch
@@ -91,7 +86,8 @@ def trained(algorithm: str, setup: str, seed: int, settings: dict[str, Any]) -> 
         seconds = paused - begun - evaluations
         if ended or any(mark <= seconds for mark in MARKS[len(rows) :]):
             mark, steps = "end" if ended else f"{MARKS[len(rows)]} s", model.num_timesteps
-            rows.append({"mark": mark, "seconds": seconds, "steps": steps, "cost": cost_of(player, setup)})
+            cost = float(played(player, load_setup(setup).task).loss(WEIGHT).mean())  # m/s
+            rows.append({"mark": mark, "seconds": seconds, "steps": steps, "cost": cost})
             evaluations += time.process_time() - paused
         return True  # the training goes on
 
