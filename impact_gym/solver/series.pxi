@@ -8,7 +8,7 @@ cdef enum:
 
 cdef double LEFT_OUT = -6.3  # log2(truncation error / allowed local error), small because a contact's errors add up
 # log2(largest truncation error): 2e-8 for tolerances of 2e-5 (rtol 1e-4) and less, so that a contact that barely parts
-# is told from one that does not, as errors of contacts add up; 1e-5 for 2e-4 (rtol 1e-3), 1e-4 for 2e-3 (rtol 1e-2).
+# is told from one that does not, as errors of contacts add up; 1e-5 for 2e-4 (rtol 1e-3), 3e-5 for 2e-3 (rtol 1e-2).
 cdef double STRICT = -25.6, LOOSE = -16.6
 cdef double TOO_STEEP = 1e30  # above this sum of squares of an order's weighted coefficients, the L-stable pair is used
 
@@ -28,7 +28,7 @@ cdef void begin_analytic(const Run *run, Piece *piece) noexcept nogil:
     equations.share = equations.tool_share if piece.object_state == STUCK else 1.0
     piece.log_width = rough_log2(piece.width)
     left_out = log_tolerance + 12.3  # 0 at 2e-4
-    left_out = LOOSE + left_out * (1.0 if left_out > 0.0 else 2.5)
+    left_out = LOOSE + left_out * (0.5 if left_out > 0.0 else 2.5)
     piece.log_left_out = max(min(LEFT_OUT + log_tolerance, STRICT), left_out) / (ORDER + 1)
 
 

@@ -24,7 +24,7 @@ from experiments.lab.statistics import Resamples
 from experiments.lab.study import Cell, Findings, Measurement, Study, StudyOptions, StudyRun, csv_of
 from experiments.studies import sensors, stability, teleop
 from experiments.studies.solvers import approaches
-from experiments.studies.speed import precision, rates
+from experiments.studies.speed import precision, rates, trainings
 from impact_gym.support.sources import compiled_from
 
 FIGURES = {"paper": 1, "speed": 3, "stability": 0, "teleop": 0, "sensors": 0, "speed of trainings": 0}
@@ -153,7 +153,8 @@ FEW = {
                             if cell.labels["coupling"] == "rigid" and cell.labels["seed"] < 2]},
     "sensors": {"episodes": None, "rivals": None, "networks": [[*sensors.networks(True, {})][-1], TRAINED]},
     "speed of trainings": {
-        "environments": None, "rates": [Cell({"set-up": "linear-blind"}, {"name": "linear-blind", "quick": True})]},
+        "environments": None, "rates": [Cell({"set-up": "linear-blind"}, {"name": "linear-blind", "quick": True})],
+        "trainings": [*trainings.cells(True, {})][:2]},
 }  # fmt: skip
 """The few cells of each table; None: the cells of a quick run. The first truth fails."""
 
@@ -259,6 +260,21 @@ def test_rate_counts_every_step_of_the_calls_made():
     for takes, steps, expected in ((0.25, 5, 20.0), (8.0, 4, 0.5)):
         now = count(0.0, takes)  # each reading of the clock is one call later
         assert rates.rate(lambda: None, steps, 3.0, partial(next, now)) == expected
+
+
+def test_shorter_trainings_are_compared_with_the_whole_one():
+    measured = {
+        trainings.OWN: (10.0, 0.7, 0.71, 0.72),
+        "half": (5.0, 0.8, 0.9, 0.81),
+        "most of it": (7.0, 0.5, 0.6, 0.5),
+    }
+    rows = [
+        {"idea": idea, "seconds": seconds, "score": score} for idea, (seconds, *of) in measured.items() for score in of
+    ]
+    answer, (section,) = trainings.about(pl.DataFrame(rows))
+    assert section.parts[0].rows[1:] == [["half", "0.50", "0.8100 [0.8000, 0.9000]", "3"],
+                                         ["most of it", "0.70", "0.5000 [0.5000, 0.6000]", "3"]]  # fmt: skip
+    assert "is 0.8100 m/s" in answer
 
 
 def test_page_of_stability_lists_every_failure(small):

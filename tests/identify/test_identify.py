@@ -212,12 +212,13 @@ def test_held_out_errors_are_relative_to_the_measured_values():
     assert re.findall(r"[\d.]+ %", summary) == ["17.5 %", "24.2 %", "5.0 %"]  # median, 0.1 + 0.95 * 0.15, equal blows
 
 
+@pytest.mark.filterwarnings("default")
 def test_hold_out_writes_predictions_beside_the_set_up(identify, tmp_path, capsys):
     logs = [log(TRUTH, motion=motion, seed=seed) for seed, motion in enumerate((MOTION, SLOW, MOTION, SLOW))]
     identify("--free", "contact.restitution", "--hold-out", "--out", tmp_path / "a.toml", logs=logs,
              speed="speed = [1.0, 0.5, 1.0, 0.5]")  # fmt: skip
     (printed, warned), text = capsys.readouterr(), (tmp_path / "a.toml").read_text()
-    assert "impact-gym identify: warning: log 1, force" in warned  # it has another stiffness and mass than the file
+    assert f"impact-gym identify: warning: {tmp_path / '0.csv'}, force" in warned  # it has another stiffness and mass than the file
     comments = text.partition("\ntitle")[0]
     assert comments == "\n".join(f"# {line}" for line in printed.splitlines())
     rows = list(csv.DictReader((tmp_path / "a.held-out.csv").read_text().splitlines()))

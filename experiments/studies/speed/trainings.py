@@ -70,7 +70,8 @@ def about(frame: pl.DataFrame) -> tuple[str, list[Section]]:
     rows = [[row["idea"], f"{row['seconds'] / whole:.2f}", "{median:.4f} [{low:.4f}, {high:.4f}]".format(**row),
              str(row["count"])] for row in found.iter_rows(named=True)]  # fmt: skip
     least = min(found.filter(pl.col("seconds") <= 0.55 * whole)["median"], default=float("inf"))
-    answer = f"Half as long trainings: median cost {least:.4f} m/s at best, shipped policy {shipped:.4f} m/s."
+    answer = (f"Of trainings in half the processor time, the best median cost is {least:.4f} m/s, "
+              f"that of the shipped policy is {shipped:.4f} m/s.")  # fmt: skip
     caption = (f"Trainings of {SETUP}: processor time beside that of its own training, validation cost (m/s, lower is "
                "better): median [least, largest] of the seeds")  # fmt: skip
     heads = ("training", "processor time", "cost (m/s)", "seeds")
