@@ -84,7 +84,6 @@ cdef double monotone_zero(
     cdef GapDerivatives gap
     cdef bint rising = last.order[order] > 0.0
     cdef double move, bend, angle, time, span = high - low
-    cdef double near = 1e-17 if order == 0 else 1e-9  # an error of 1e-9 of other zeros changes the gap by about 1e-18
     time = low + span * cubic_zero(
         first.order[order], span * first.order[order + 1], last.order[order], span * last.order[order + 1]
     )
@@ -101,7 +100,7 @@ cdef double monotone_zero(
         move /= max(1.0 + bend, 0.5)  # Halley's method
         time += move
         angle = fabs(flight.frequency * move) + fabs(bend)
-        if angle * angle * fabs(move) <= near * high:  # an estimate of the error that is left
+        if angle * angle * fabs(move) <= (1e-17 if order == 0 else 1e-9) * high:  # estimate of the error that is left
             return min(max(time, low), high)
     return time
 

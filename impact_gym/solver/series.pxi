@@ -27,8 +27,7 @@ cdef void begin_analytic(const Run *run, Piece *piece) noexcept nogil:
         equations.tool_share = run.object_mass / (model.tool_mass + run.object_mass)
     equations.share = equations.tool_share if piece.object_state == STUCK else 1.0
     piece.log_width = rough_log2(piece.width)
-    left_out = log_tolerance + 12.3  # 0 at 2e-4
-    left_out = LOOSE + left_out * (0.5 if left_out > 0.0 else 2.5)
+    left_out = LOOSE + (log_tolerance + 12.3) * (0.5 if log_tolerance > -12.3 else 2.5)  # -12.3: log2(2e-4)
     piece.log_left_out = max(min(LEFT_OUT + log_tolerance, STRICT), left_out) / (ORDER + 1)
 
 

@@ -55,22 +55,14 @@ static void expand_polynomial(const Polynomial *given, const double *x, double (
             sum += by[k - i] * of[i];
             of_a += a[i] * a[k - i];
         }
-        if (k == 0) {
-            a[0] = z * z;
-            b = a[0] * a[0];
-            of_y = z * of[0][2];
-            of_v = z * of[0][3];
-            impulse = stiffening * b;
-        } else {
-            a[k] = sum[0] + twice_z * z;
-            of_a *= 2.0;
-            if (k % 2 == 0)
-                of_a += a[k / 2] * a[k / 2];
-            b = of_a + twice_a * a[k];
-            of_y = (sum[2] + z * of[0][2]) + x[0] * of[k][2];
-            of_v = (sum[3] + z * of[0][3]) + x[0] * of[k][3];
-            impulse = (equations.damping * sum[1] + stiffening * b) + (equations.damping * by[0][1]) * w;
-        }
+        of_a *= 2.0;
+        if (k % 2 == 0 && k > 0)
+            of_a += a[k / 2] * a[k / 2];
+        a[k] = k ? sum[0] + twice_z * z : z * z;
+        b = k ? of_a + twice_a * a[k] : a[0] * a[0];
+        of_y = k ? (sum[2] + z * of[0][2]) + of[0][0] * of[k][2] : z * of[0][2];
+        of_v = k ? (sum[3] + z * of[0][3]) + of[0][0] * of[k][3] : z * of[0][3];
+        impulse = (equations.damping * sum[1] + stiffening * b) + (k ? equations.damping * by[0][1] * w : 0.0);
         by[k] = (Quad){z, b, z, z};
         pull = equations.pull_y * of_y + equations.pull_y_dot * of_v;
         of[k + 1] = (Quad){
