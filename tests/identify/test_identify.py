@@ -218,7 +218,9 @@ def test_hold_out_writes_predictions_beside_the_set_up(identify, tmp_path, capsy
     identify("--free", "contact.restitution", "--hold-out", "--out", tmp_path / "a.toml", logs=logs,
              speed="speed = [1.0, 0.5, 1.0, 0.5]")  # fmt: skip
     (printed, warned), text = capsys.readouterr(), (tmp_path / "a.toml").read_text()
-    assert f"impact-gym identify: warning: {tmp_path / '0.csv'}, force" in warned  # it has another stiffness and mass than the file
+    assert (
+        f"impact-gym identify: warning: {tmp_path / '0.csv'}, force" in warned
+    )  # it has another stiffness and mass than the file
     comments = text.partition("\ntitle")[0]
     assert comments == "\n".join(f"# {line}" for line in printed.splitlines())
     rows = list(csv.DictReader((tmp_path / "a.held-out.csv").read_text().splitlines()))
