@@ -41,8 +41,8 @@ endef
 report: $(SMALL)  ## compare the policies and baselines of four set-ups, or of SETUPS="...", in reports/latest/index.html
 	$(BIN)/impact-gym report $(SETUPS) $(if $(FORCE),--force)
 
-# on two cores: paper 10 s, speed 10 min, stability 10 min, teleop 5 min, sensors 1 h, engines 20 min, report 15 min, stock 3 h
-results: setup  ## make docs/results and the numbers on pages again, in about 5 h on two cores; repeat it to continue
+# on two cores: paper 10 s, speed 50 min, stability 10 min, teleop 5 min, sensors 1 h, engines 20 min, report 15 min, stock 3 h
+results: setup  ## make docs/results and the numbers on pages again, in about 6 h on two cores; repeat it to continue
 	$(PIP) mujoco newton drake sapien pybullet rapier3d  # the extra engines
 	@set -- "study paper" "study speed" "study stability" "study teleop" "study sensors" "study engines" "report $(SETUPS_OF_RESULTS)" "study stock"; \
 	for each; do shift; begun=$$(date +%s); echo "impact-gym $$each --results docs/results"; \

@@ -25,7 +25,7 @@ from minari.storage import get_dataset_path
 from tyro.conf import FlagCreatePairsOff, Positional
 
 from agents.baselines import FIXED
-from agents.evaluate.play import controller_of
+from agents.evaluate.specs import controller_of
 from agents.policies import Controller, load_policy
 from agents.setups import Setup, load_setup, shipped_baselines
 from agents.setups.tuned import read_tuned

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.baselines import RULES
-from agents.evaluate.play import controller_of, scenario_batch_of
+from agents.evaluate.specs import controller_of, scenario_batch_of
 from agents.setups.evaluation import changes
 from agents.tune import BOUND_RTOL, Tune, tune_beyond, tune_one
 from experiments.lab import charts

@@ -71,7 +71,7 @@ class Rule:
     NEEDS: ClassVar[Mapping[str, Any]] = {}
     """Arguments of an environment that has all observations the rule needs."""
     KNOWS: ClassVar[tuple[str, ...]] = ()
-    """Names of arguments whose values a tuned rule keeps from its tuning, see `agents.evaluate.play.controller_of`."""
+    """Names of arguments whose values a tuned rule keeps from its tuning, see `agents.evaluate.specs.controller_of`."""
     AT_LIMITS: ClassVar[bool] = False
     """Whether `for_task` sets all parameters to their upper limits for the task's arm."""
     weights: Sequence[float] = ()

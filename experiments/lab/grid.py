@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from agents.evaluate.play import controller_of, environment_and_scenarios, scenario_batch_of
 from agents.evaluate.scenario_batch import MEASURED, Episodes
+from agents.evaluate.specs import controller_of, environment_and_scenarios, scenario_batch_of
 from experiments.lab.statistics import Floats, Front, Resamples
 from experiments.lab.study import Cell, Row
 from impact_gym.task import Task

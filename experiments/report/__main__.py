@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from agents.evaluate.play import pairs
+from agents.evaluate.specs import pairs
 from agents.setups import README, load_setup
 from agents.setups.evaluation import RESERVED
 from agents.setups.keys import prefixed_errors

@@ -13,8 +13,8 @@ import numpy as np
 
 from agents.baselines import FIXED
 from agents.baselines import RULES as TUNABLE
-from agents.evaluate.play import controller_of, environment_and_scenarios, pairs, try_out
 from agents.evaluate.scenario_batch import TEST_SEED
+from agents.evaluate.specs import controller_of, environment_and_scenarios, pairs, try_out
 from agents.policies import Policy, load_ensemble, load_policy
 from agents.setups import TUNED, Setup, load_setup, shipped, shipped_baselines
 from agents.setups.evaluation import Evaluation, surroundings
@@ -50,7 +50,7 @@ class Contestant:
     """A controller, and the time weights (m/s per s) at which it plays."""
 
     name: str
-    controller: Mapping[str, Any]  # JSON, see `agents.evaluate.play`
+    controller: Mapping[str, Any]  # JSON, see `agents.evaluate.specs`
     weights: tuple[float, ...]
     checksum: str  # SHA-256 of policy, tuned baseline, clairvoyant parameters or the user's module; "": a fixed rule
 
@@ -82,7 +82,7 @@ class Comparison:
     seeds: tuple[Contestant, ...]  # one for each training seed
     chosen: str  # name of the median seed: its policy has the median validation score
     baselines: tuple[Contestant, ...]  # first the paper's rule, then the main baseline (`rival`) if there is one
-    scenarios: Mapping[str, Any]  # JSON, see `agents.evaluate.play`
+    scenarios: Mapping[str, Any]  # JSON, see `agents.evaluate.specs`
     note: str  # remarks for the reader
     evaluation: Evaluation = field(default_factory=Evaluation)
     bound: Contestant | None = None  # the clairvoyant search: a controller that knows the object

@@ -10,8 +10,8 @@ import polars as pl
 from numpy.typing import NDArray
 
 from agents.baselines import PaperTrapezoid
-from agents.evaluate.play import controller_of, pairs, scenario_batch_of
 from agents.evaluate.scenario_batch import MEASURED, TEST_SEED, Episodes
+from agents.evaluate.specs import controller_of, pairs, scenario_batch_of
 from agents.policies import Controller
 from agents.setups.evaluation import Change, variants
 from experiments.lab import grid

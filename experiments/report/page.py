@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from agents.evaluate.play import controller_of, frozen_of
+from agents.evaluate.specs import controller_of, frozen_of
 from experiments.lab.parts import Section, Tab, Table
 from experiments.lab.player import choose, films, fragment
 from experiments.lab.statistics import RESAMPLES

@@ -13,8 +13,8 @@ import polars as pl
 import tomli_w
 
 from agents import check
-from agents.evaluate.play import controller_of, scenario_batch_of
 from agents.evaluate.scenario_batch import Episodes, ScenarioBatch
+from agents.evaluate.specs import controller_of, scenario_batch_of
 from agents.policies import load_policy
 from agents.setups import load_baseline, load_setup
 from experiments import controller

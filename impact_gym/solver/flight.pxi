@@ -100,7 +100,8 @@ cdef double monotone_zero(
         move /= max(1.0 + bend, 0.5)  # Halley's method
         time += move
         angle = fabs(flight.frequency * move) + fabs(bend)
-        if angle * angle * fabs(move) <= (1e-17 if order == 0 else 1e-9) * high:  # estimate of the error that is left
+        # the left side estimates the error that is left; zeros of derivatives only bracket a touch
+        if angle * angle * fabs(move) <= (1e-17 if order == 0 else 1e-9) * high:
             return min(max(time, low), high)
     return time
 

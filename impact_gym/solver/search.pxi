@@ -174,7 +174,7 @@ cdef double crossing_fraction(
         return 0.0
     if high == 1.0:
         fraction = cubic_zero(start.value[row], h * start.slope[row], end.value[row], h * end.slope[row])
-        if work.x[ROOT] == 0.0 and (row == FORCE or row == SLIP):  # about s^3
+        if work.x[ROOT] == 0.0 and (row == FORCE or row == SLIP):  # the force grows about as s^3
             fraction = cbrt(start.value[row] / (start.value[row] - end.value[row]))
     for _ in range(60):
         if not low < fraction < high:

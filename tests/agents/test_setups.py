@@ -15,8 +15,8 @@ from solver_scenes import scene
 import impact_gym as ig
 from agents import check, load_setup
 from agents.baselines import FIXED, RULES, PaperTrapezoid
-from agents.evaluate.play import environment_and_scenarios
 from agents.evaluate.scenario_batch import ScenarioBatch
+from agents.evaluate.specs import environment_and_scenarios
 from agents.setups import feasible, setup_tuning, shipped, shipped_baselines, trained
 from agents.setups.evaluation import VARIED, Evaluation, variants
 from agents.train.ppo import Run

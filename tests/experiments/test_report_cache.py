@@ -22,7 +22,7 @@ from impact_gym.support import provenance
 from impact_gym.support.files import locked
 
 ROOT = Path(__file__).parents[2]
-EPISODES = ("agents/evaluate/play.py", "agents/baselines/profile.py", "agents/policies/networks.py", "mine.py",
+EPISODES = ("agents/evaluate/specs.py", "agents/baselines/profile.py", "agents/policies/networks.py", "mine.py",
             "impact_gym/task/task.py", "experiments/report/episodes.py", "experiments/lab/grid.py")  # fmt: skip
 PAGE = ("experiments/report/choice.py", "experiments/lab/statistics.py", "agents/setups/linear-blind.toml")
 

@@ -8,7 +8,7 @@ import pytest
 from made_up_comparison import COUNT, PAPER_TIME, SPEEDS, played, run
 
 from agents import load_setup
-from agents.evaluate.play import pairs
+from agents.evaluate.specs import pairs
 from agents.setups.evaluation import Evaluation
 from experiments.lab.study import frame_of
 from experiments.report import choice, episodes, robustness, summary

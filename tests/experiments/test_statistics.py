@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from agents.evaluate.play import pairs
+from agents.evaluate.specs import pairs
 from experiments.lab import charts, grid
 from experiments.lab.page import typeset
 from experiments.lab.parts import percent

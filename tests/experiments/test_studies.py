@@ -274,7 +274,7 @@ def test_shorter_trainings_are_compared_with_the_whole_one():
     answer, (section,) = trainings.about(pl.DataFrame(rows))
     assert section.parts[0].rows[1:] == [["half", "0.50", "0.8100 [0.8000, 0.9000]", "3"],
                                          ["most of it", "0.70", "0.5000 [0.5000, 0.6000]", "3"]]  # fmt: skip
-    assert "is 0.8100 m/s" in answer
+    assert "a median cost of 0.5000 m/s" in answer
 
 
 def test_page_of_stability_lists_every_failure(small):

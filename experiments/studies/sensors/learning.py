@@ -12,8 +12,8 @@ from agents.baselines import tuned_rule
 from agents.baselines.cmaes import minimise
 from agents.baselines.filtered import END, SelfCalibratingProfile
 from agents.baselines.rule import Floats, Parameter, View, ranges_for
-from agents.evaluate.play import scenario_batch_of
 from agents.evaluate.scenario_batch import TUNING_SEED, ScenarioBatch
+from agents.evaluate.specs import scenario_batch_of
 from agents.policies import Controller
 from agents.setups import Training, load_setup
 from agents.setups.training import SLOTS

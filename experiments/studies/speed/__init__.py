@@ -1,4 +1,4 @@
-"""`impact-gym study speed`: time of an approach at an error and by robot; step rates of environments and trainings.
+"""`impact-gym study speed`: time of an approach at an error and by robot; step rates; shorter trainings.
 
 Times at an error are compared as in the work-precision diagrams of SciMLBenchmarks (Rackauckas et al.).
 """

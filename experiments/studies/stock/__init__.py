@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from agents.evaluate.play import controller_of
 from agents.evaluate.scenario_batch import Episodes, ScenarioBatch
+from agents.evaluate.specs import controller_of
 from agents.policies import load_policy
 from agents.setups import load_setup
 from experiments.lab.parts import Section, Table
